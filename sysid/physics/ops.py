@@ -90,10 +90,15 @@ def floor(x: Value) -> Value:
 
 
 def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
+    """A number is filled in where the tensors are: a graph of a GPU may not wait for a copy from the host."""
     like = next(v for v in values if isinstance(v, torch.Tensor))
+    own = {"dtype": like.dtype, "device": like.device}
     return [
-        v if isinstance(v, torch.Tensor) else torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in values
-    ]
+        v if isinstance(v, torch.Tensor)
+        else torch.full((), v, **own) if isinstance(v, float | int)
+        else torch.as_tensor(v, **own)
+        for v in values
+    ]  # fmt: skip
 
 
 def _binary(name: str, casadi_name: str, x: Value, y: Value) -> Value:
@@ -130,6 +135,8 @@ def where(condition: Value, x: Value, y: Value) -> Value:
     if torch is not None:
         if not isinstance(condition, torch.Tensor):
             condition = torch.as_tensor(condition)
+        if any(isinstance(v, torch.Tensor) for v in (x, y)):
+            x, y = _as_tensors(torch, (x, y))
         return torch.where(condition, x, y)
     if _is_casadi((condition, x, y)):
         return casadi.if_else(condition, x, y)

@@ -3,6 +3,7 @@
 import pytest
 import torch
 from torch.fx.experimental.proxy_tensor import make_fx
+from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from policies.environments.randomization import Band, PriorRange, RandomForce
@@ -53,6 +54,33 @@ def test_a_learning_step_never_waits_for_the_device(name):
     with Waiting() as waiting:
         float(population.loss.log_alpha[0].detach())
     assert waiting.found != []
+
+
+class FromHost(TorchFunctionMode):
+    """Records the calls that bring a number from the host to the device."""
+
+    MAKERS = (torch.tensor, torch.as_tensor, torch.from_numpy)
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def __torch_function__(self, function, types, args=(), kwargs=None):
+        scalar = function is torch.where and any(isinstance(v, float | int) for v in args)
+        if function in self.MAKERS or scalar:
+            self.found.append(function.__name__)
+        return function(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_learning_step_brings_nothing_to_the_device(name):
+    population = make(name)
+    with FromHost() as bringing:
+        population._learn()
+    assert bringing.found == []
+    with FromHost() as bringing:
+        torch.as_tensor(1.0), torch.where(torch.tensor([True]), torch.zeros(1), 1.0)
+    assert bringing.found == ["as_tensor", "tensor", "where"]
 
 
 @pytest.mark.parametrize("name", MODELS)
