@@ -69,7 +69,7 @@ def referred(
     """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
     begin = time.monotonic()
     policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
-    starts = _starts(start_states, seeds, preset)
+    starts = tuple(_starts(start_states, seeds, preset))
     rows = {truth: evaluate(policy, paper_model(*truth), *starts).returns for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [

@@ -69,8 +69,9 @@ class Account:
         for name, table in self.tables.items():
             write_rows(folder / name, *table)
         drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items()}
+        where = "" if device == "cpu" else f" --device {device}"
         record = {
-            "command": f"python -m study.main --preset {self.plan.name}",
+            "command": f"python -m study.main --preset {self.plan.name}{where}",
             "device": device,
             **self.counts,
             "worker_hours": round(self.seconds / 3600.0, 3),

@@ -26,7 +26,7 @@ MANY = Preset(
     points=(
         Point("main", (0, 2), (0.0, 0.5), (0,)),
         Point("small_gap", (2,), (0.0,), (0, 1), truth=(1.5, 1.2), identifier="least_squares"),
-        Point("prior_range", (0,), (0.5,), (0, 1), sigma=2.0, randomization="prior_range"),
+        Point("prior_range", (0,), (0.5,), (0, 1), (1.5, 1.2), sigma=2.0, randomization="prior_range"),
     ),
     hidden=(8, 8),
     steps=600,
