@@ -1,7 +1,7 @@
 """Two sweeps held against each other, seed by seed: do other networks, versions or settings change the returns?
 
-    python examples/compare_sweeps.py study/results/paper-small/runs.csv study/results/paper-w0/runs.csv
-    python examples/compare_sweeps.py PATH/TO/sim2real_budget/results study/results/paper-w0/runs.csv
+    python examples/compare_sweeps.py study/results/paper-small/runs.csv study/results/paper/runs.csv
+    python examples/compare_sweeps.py PATH/TO/sim2real_budget/results study/results/paper/runs.csv
 
 Each is a runs.csv of ours or the folder of the authors' files. Compared are the cells that both have, over the seeds
 that both have; the same seed has the same rollouts, the same estimate and the same start states in both.

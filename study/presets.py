@@ -33,12 +33,11 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
     return opened
 
 
-ABOUT = """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-w0: of these the 50 that
-train at the estimate alone. paper-width: of these the 50 of five seeds without a band and with the widest. paper-small:
-the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps, two noise levels and the prior range,
-the table and the text of the paper. robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and
-Kalman filter. longer, longer-small: the widest band with twice the steps. mismatch: does breadth pay when the simulator
-lacks an effect; mismatch-quick: two of its plants, in minutes. strategies: published ways to spend rollouts, on the
-same rollouts; strategies-small: with five rollouts of two plants; strategies-quick: in minutes. smoke, mismatch-smoke,
+ABOUT = """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-small: the same as paper
+with 64 x 64 networks, the one for CPUs. robustness: two gaps, two noise levels and the prior range, the table and the
+text of the paper. robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and Kalman filter.
+longer, longer-small: the widest band with twice the steps. mismatch: does breadth pay when the simulator lacks an
+effect; mismatch-quick: two of its plants, in minutes. strategies: published ways to spend rollouts, on the same
+rollouts; strategies-small: with five rollouts of two plants; strategies-quick: in minutes. smoke, mismatch-smoke,
 strategies-smoke: every part once, in a minute; the numbers mean nothing."""
 """What they are, for the command line."""

@@ -100,16 +100,16 @@ def test_paper_claims_refuses_wrong_input(arguments, message):
 
 def test_compare_sweeps():
     """The committed sweeps of small and large networks: cells of both, and all pairs with data."""
-    done = run("compare_sweeps.py", "study/results/paper-small/runs.csv", "study/results/paper-w0/runs.csv")
+    done = run("compare_sweeps.py", "study/results/paper-small/runs.csv", "study/results/paper/runs.csv")
     assert done.returncode == 0, done.stderr
     _, *lines, last = done.stdout.splitlines()
-    assert [int(line.split()[1]) for line in lines] == [0, 5, 10, 25, 50]
-    assert "-359 ± 10 (-349)" in lines[2] and "-350 ±  9 (-342)" in lines[2] and "+9 [+2, +15]" in lines[2]
-    assert last.startswith("all 40 pairs with data")
+    assert [int(line.split()[1]) for line in lines] == [n for n in (0, 5, 10, 25, 50) for _ in range(5)]
+    assert "-359 ± 10 (-349)" in lines[10] and "-341 ±  5 (-339)" in lines[10] and "+17 [+1, +34]" in lines[10]
+    assert last.startswith("all 200 pairs with data")
 
 
 def test_compare_sweeps_refuses_sweeps_without_a_common_cell():
-    done = run("compare_sweeps.py", "study/results/longer-small/runs.csv", "study/results/paper-w0/runs.csv")
+    done = run("compare_sweeps.py", "study/results/robustness/runs.csv", "study/results/paper/runs.csv")
     assert done.returncode == 2
     assert "share no cell" in done.stderr
 

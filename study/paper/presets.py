@@ -136,8 +136,6 @@ SMALL, LARGE = (64, 64), (256, 256)
 _ALL = (
     Preset("quick", (Point("main", (0, 5, 50), (0.0, 0.5), (0, 1, 2)),), SMALL, 30_000, 9),
     Preset("paper", (Point("main", BUDGETS, WIDTHS, TEN),), LARGE, 75_000, 5, grid=600),
-    Preset("paper-w0", (Point("main", BUDGETS, (0.0,), TEN),), LARGE, 75_000, 5, grid=600),
-    Preset("paper-width", (Point("main", BUDGETS, (0.0, 0.5), FIVE),), LARGE, 75_000, 5, grid=600),
     Preset("paper-small", (Point("main", BUDGETS, WIDTHS, TEN),), SMALL, 75_000, 25),
     Preset("robustness", ROBUSTNESS_POINTS, LARGE, 75_000, 5, companion="paper"),
     Preset("robustness-small", ROBUSTNESS_POINTS, SMALL, 75_000, 25, companion="paper-small"),

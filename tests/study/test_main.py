@@ -50,7 +50,7 @@ def test_help_answers_within_half_a_second():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-w0, paper-width, paper-small"]),
+        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-small"]),
         (["--preset", "strategies", "--strategies", "point,guess"], ["unknown strategy 'guess'", "prior, prior_range"]),
         (["--strategies", "point"], ["--strategies point: expected a preset of strategies, not quick"]),
         (["--preset", "strategies", "--import", "runs.csv"], ["--import runs.csv: expected a preset of the paper's"]),
