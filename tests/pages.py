@@ -35,7 +35,7 @@ RUN = ("sh", "python")
 FENCE = re.compile(r"(?P<mark>(?:^<!--.*?-->\n)*)^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 MARK = re.compile(r"<!-- *(?P<name>file|slow|not run|fails)(?:: *(?P<value>.*?))? *-->")
 NUMBER = re.compile(r"[-+\u2212]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
-LONGEST = 600.0
+LONGEST = 1800.0
 """Seconds that a block may take."""
 SAME = 0.1
 """Share by which a printed number may differ: other processors round otherwise."""

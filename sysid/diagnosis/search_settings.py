@@ -91,6 +91,7 @@ class SearchSettings:
         ("spring", "torque_bias"),
         ("coulomb", "spring", "torque_bias"),
         ("torque_speed_limit", "coulomb", "delay"),
+        ("coulomb", "flexible_transmission"),
     )
 
     def __post_init__(self) -> None:
