@@ -130,9 +130,10 @@ class PopulationTask(Task):
     def work(self) -> float:
         """About how many seconds it takes on one core, or on a GPU; only the time left is computed from it."""
         weights, sac = sum(a * b for a, b in pairwise(self.settings.hidden)), self.settings.algorithm == "sac"
-        together, alone = (0.0, 0.5e-3 + 5.5e-8 * weights) if sac else (0.0, 2e-6 + 1e-9 * weights)
         if self.gpus:
             together, alone = (0.5e-3, 3.7e-10 * weights) if sac else (8e-5, 1.3e-10 * weights)
+        else:
+            together, alone = 0.0, 0.5e-3 + 5.5e-8 * weights if sac else 2e-6 + 1e-9 * weights
         return self.settings.steps * (together + len(self.keys) * alone)
 
     @property

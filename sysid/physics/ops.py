@@ -90,15 +90,19 @@ def floor(x: Value) -> Value:
 
 
 def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
-    """A number is filled in where the tensors are: a graph of a GPU may not wait for a copy from the host."""
+    """All of them as tensors of the type and on the device of the first that is one.
+
+    A number is filled in there: a graph of a GPU may not wait for a copy from the host.
+    """
     like = next(v for v in values if isinstance(v, torch.Tensor))
     own = {"dtype": like.dtype, "device": like.device}
-    return [
-        v if isinstance(v, torch.Tensor)
-        else torch.full((), v, **own) if isinstance(v, float | int)
-        else torch.as_tensor(v, **own)
-        for v in values
-    ]  # fmt: skip
+
+    def as_tensor(v: Value) -> Value:
+        if isinstance(v, torch.Tensor):
+            return v
+        return torch.full((), v, **own) if isinstance(v, float | int) else torch.as_tensor(v, **own)
+
+    return [as_tensor(v) for v in values]
 
 
 def _binary(name: str, casadi_name: str, x: Value, y: Value) -> Value:
