@@ -53,7 +53,8 @@ class BatchedPendulums(EnvBase):
     environments: pendulums of each agent, E; the batch size is (A, E) then. Pendulum e of an agent has its episodes
     e, e + E, ...
     differentiable: what changes is replaced in place of written to, so that gradients flow back through steps, from
-    rewards and observations to actions, until `detach_state` cuts them.
+    rewards and observations to actions, until `detach_state` cuts them, and writes what it is now to where it was
+    before: steps between two calls of it can be replayed as a graph.
 
     Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
     """
@@ -118,7 +119,8 @@ class BatchedPendulums(EnvBase):
         self._memories = [len(own) for own in state.memory], [len(own) for own in sensing]
         sensed = [0.0, 0.0] if self.model.output_effects else []
         numbers = [*_leaves(state), *sensed, *(v for own in sensing for v in own), *[0.0] * self.history]
-        self._take_up([0.0 * ones + number for number in numbers])
+        self._own = [0.0 * ones + number for number in numbers]
+        self._take_up(self._own)
 
     def _take_up(self, numbers: list[Any]) -> None:
         """State, sensors and past commands are views of these from here on."""
@@ -135,14 +137,20 @@ class BatchedPendulums(EnvBase):
         """Go on from these."""
         if self.differentiable:
             self._take_up(list(numbers))
-            return
+        else:
+            self._write(numbers)
+
+    def _write(self, numbers: Sequence[Any]) -> None:
+        """Go on from these, in the tensors that hold the state between windows."""
         # apart first: a delay's line passes the very tensors on that are written to
-        for kept, new in zip(self._kept, [number.clone() for number in numbers], strict=True):
-            kept.copy_(new)
+        for own, new in zip(self._own, [number.detach().clone() for number in numbers], strict=True):
+            own.copy_(new)
+        self._take_up(self._own)
 
     def detach_state(self) -> None:
-        """Gradients end here: what follows does not depend on what was before."""
-        self._keep([number.detach() for number in self._kept])
+        """Gradients end here: what follows does not depend on what was before. Backward passes through what was before
+        have to be over."""
+        self._write(self._kept)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         """Begin a new episode for the pendulums in the mask "_reset" (A, 1), or for all."""
@@ -151,10 +159,14 @@ class BatchedPendulums(EnvBase):
         pendulums = len(self.episodes)
         drawn = {name: np.ones(pendulums) for name in ("theta", "theta_dot", *self.parameters_now)}
         torques = np.zeros((pendulums, self.horizon))
+        begun: dict[tuple[int, int], tuple[np.random.Generator, tuple[float, float], Any]] = {}
         for i in torch.nonzero(mask.flatten()).flatten().tolist():
             a = i // self.environments
-            rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[i])
-            drawn["theta"][i], drawn["theta_dot"][i] = task.start_state(rng)
+            episode = self.seeds[a], self.episodes[i]
+            if episode not in begun:  # agents that share a seed share its start states
+                rng = generator(episode[0], Purpose.EPISODES, episode[1])
+                begun[episode] = rng, task.start_state(rng), rng.bit_generator.state
+            rng, (drawn["theta"][i], drawn["theta_dot"][i]), rng.bit_generator.state = begun[episode]
             own = self.randomizations[a]
             for name, value in own.sample(rng, self.base_model).items():
                 drawn[name][i] = value
@@ -230,7 +242,7 @@ class BatchedPendulums(EnvBase):
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from it, in place: what `load_state_dict` does."""
-        self._keep(state["state"])
+        self._write(state["state"])
         for name, values in self.parameters_now.items():
             values.copy_(state["parameters"][name])
         self.episodes = list(state["episodes"])

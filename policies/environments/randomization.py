@@ -34,8 +34,11 @@ class Randomization(ABC):
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
     """What was drawn, clipped to the bounds that the model's parameters carry; InvalidInput for a name it lacks."""
     model.check_names(drawn)
-    parameters = model.parameters
-    return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
+    parameters, within = model.parameters, dict[str, float]()
+    for name, value in drawn.items():
+        low, high = parameters[name].bounds
+        within[name] = float(min(max(value, low), high))
+    return within
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,13 @@ class Band(Randomization):
         if not 0.0 <= self.w < 1.0:
             raise InvalidInput(f"w = {self.w}: expected a relative width in [0, 1)")
 
-    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+    @cached_property
+    def _ranges(self) -> Ranges:
         ends = {name: sorted((c * (1.0 - self.w), c * (1.0 + self.w))) for name, c in self.center.items()}
-        return Ranges(ends).sample(rng, model)
+        return Ranges({name: (low, high) for name, (low, high) in ends.items()})
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        return self._ranges.sample(rng, model)
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sysid import InvalidInput
 from sysid.physics import ops
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from sysid import Reading, State
 
 DURATION = 10.0
@@ -68,7 +68,6 @@ def observation_names(history: int = 0) -> tuple[str, ...]:
 
 
 def start_state(rng: np.random.Generator) -> tuple[float, float]:
-    """Draw theta ~ U(-pi, pi) [rad] and theta_dot ~ U(-1, 1) [rad/s], in one call as Gymnasium's Pendulum does."""
-    high = np.array(START_HIGH)
-    theta, theta_dot = rng.uniform(low=-high, high=high)
-    return float(theta), float(theta_dot)
+    """Draw theta ~ U(-pi, pi) [rad] and theta_dot ~ U(-1, 1) [rad/s]: the numbers that Gymnasium's Pendulum draws."""
+    theta, theta_dot = (rng.uniform(-high, high) for high in START_HIGH)
+    return theta, theta_dot

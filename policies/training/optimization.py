@@ -15,12 +15,21 @@ class FusedAdam(torch.optim.Adam):
 
     def __init__(self, numbers: Sequence[Tensor], rate: float, forgetting: float = 0.999) -> None:
         super().__init__(numbers, rate, betas=(0.9, forgetting), fused=True, capturable=numbers[0].is_cuda)
+        # a graph on a GPU reads the rate where it was when it was captured; a CPU computes with it in double precision
+        self._rate: float | Tensor = torch.full((), rate, device=numbers[0].device) if numbers[0].is_cuda else rate
         for number in numbers:
             self.state[number] = {
                 "step": torch.zeros((), device=number.device),
                 "exp_avg": torch.zeros_like(number),
                 "exp_avg_sq": torch.zeros_like(number),
             }
+
+    def set_rate(self, rate: float) -> None:
+        """Go on with another learning rate."""
+        if isinstance(self._rate, Tensor):
+            self._rate.fill_(rate)
+        else:
+            self._rate = rate
 
     def descend(self, gradients: Sequence[Tensor]) -> None:
         """One step against these gradients, in the order of the numbers."""
@@ -44,7 +53,7 @@ class FusedAdam(torch.optim.Adam):
         torch._foreach_add_(steps, 1.0)
         torch._fused_adam_(
             numbers, [number.grad for number in numbers], means, squares, [], steps,
-            lr=group["lr"], beta1=mean, beta2=square, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
+            lr=self._rate, beta1=mean, beta2=square, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
         )  # fmt: skip
 
     step.hooked = True  # type: ignore[attr-defined]

@@ -33,6 +33,7 @@ from torchrl.objectives import LossModule
 from torchrl.objectives.value.functional import td_lambda_return_estimate
 
 from policies.environments.random_streams import Purpose
+from policies.training.cuda_graph import CudaGraph
 from policies.training.networks import StackedMLP, WrittenOutMLP, initialise, leaves_of, with_ones
 from policies.training.optimization import FusedAdam
 from policies.training.population import Population, TrainingSettings
@@ -130,7 +131,7 @@ class SHACLoss(LossModule):
             self.convert_to_functional(value, "value_network", create_target_params=True)
             self.target_leaves = leaves_of(self.target_value_network_params)
         self.actor_leaves, self.value_leaves = map(leaves_of, (self.actor_network_params, self.value_network_params))
-        self.settings, self.progress = settings, 0.0
+        self.settings, self.progress = settings, torch.zeros((), dtype=torch.float64)
         initialise(seeds, self.actor_leaves, self.value_leaves)
         with torch.no_grad():
             torch._foreach_mul_(self.actor_leaves[-2:], FIRST_ACTIONS)
@@ -238,6 +239,13 @@ class SHACPopulation(Population):
             self.device,
             settings.horizon,
         )
+        self._finite = torch.ones((), dtype=torch.bool, device=self.device)
+        self._ended = torch.zeros(*self.env.batch_size, 1, dtype=torch.bool, device=self.device)
+        self.resumed()
+
+    def resumed(self) -> None:
+        """A window is captured anew."""
+        self._learning_window = CudaGraph(self._learn, self.device)
 
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, or up to a window more, but not beyond settings.steps.
@@ -246,51 +254,60 @@ class SHACPopulation(Population):
         """
         last = min(self.settings.steps, self.steps_done + steps)
         while self.steps_done < last:
-            self._learn()
+            self._set_rate()
+            self._noise.load(self.steps_done // self.settings.window)
+            self._learning_window()
+            if not self._finite:
+                raise InvalidInput(
+                    f"the gradient through the model is not finite after {self.steps_done} steps: expected a model "
+                    "whose motion does not run away; sac trains without gradients of the model"
+                )
+            self.steps_done = min(self.settings.steps, self.steps_done + self.settings.window)
+            self._begin_anew()
+
+    def _set_rate(self) -> None:
+        done = self.steps_done / self.settings.steps
+        self.loss.progress.fill_(done)
+        for optimizer in (self.value_optimizer, self.actor_optimizer):
+            optimizer.set_rate(self.settings.learning_rate * (1.0 - (1.0 - LAST_RATE) * done))
 
     def _learn(self) -> None:
-        """A window, an update of the policy, some of the value function, and one of its slow copy."""
-        self._set_rate()
+        """A window, an update of the policy, some of the value function, and one of its slow copy. Nothing in it waits
+        for the device or depends on the host."""
         window = self._window()
         gradients = self.loss.actor_gradients(window)
-        if not all(bool(gradient.isfinite().all()) for gradient in gradients):
-            raise InvalidInput(
-                f"the gradient through the model is not finite after {self.steps_done} steps: expected a model whose "
-                "motion does not run away; sac trains without gradients of the model"
-            )
+        self._finite.copy_(torch.stack([gradient.isfinite().all() for gradient in gradients]).all())
         self.actor_optimizer.descend(gradients)
         taught, parts = self.loss.taught(window), self.settings.minibatches
         for part in range(parts):
             self.value_optimizer.descend(self.loss.value_gradients(taught[:, part::parts]))
         self.target_update.step()
-        self.steps_done = min(self.settings.steps, self.steps_done + self.settings.window)
-        self._begin_anew(window)
+        self._go_on_after(window)
 
-    def _set_rate(self) -> None:
-        self.loss.progress = done = self.steps_done / self.settings.steps
-        for optimizer in (self.value_optimizer, self.actor_optimizer):
-            optimizer.param_groups[0]["lr"] = self.settings.learning_rate * (1.0 - (1.0 - LAST_RATE) * done)
+    def _go_on_after(self, window: TensorDictBase) -> None:
+        """The next window begins where this one ends, and no gradient flows back into this one."""
+        self.env.detach_state()
+        after = window.get("next").detach()
+        self.observation.copy_(after.get("observation")[:, :, -1])
+        self.returns.add_(after.get("reward").sum((2, 3)))
+        self._ended.copy_(after.get("done")[:, :, -1])
 
     def _window(self) -> TensorDictBase:
         """Steps (A, E, T) of the pendulums under the policy as it is, from where they are."""
-        self.env.detach_state()
-        self._noise.load(self.steps_done // self.settings.window)
-        seen, moved = self.observation.detach(), []
+        seen, moved = self.observation, []
         for noise in self._noise.all():
             acted = self.loss.act(TensorDict({"observation": seen, "noise": noise}, self.env.batch_size))
             moved.append(self.env.step(acted))
             seen = moved[-1].get(("next", "observation"))
-        self.observation = seen
         return torch.stack(moved, 2)
 
-    def _begin_anew(self, window: TensorDictBase) -> None:
+    def _begin_anew(self) -> None:
         """Where episodes have ended, others begin."""
-        self.returns.add_(window.get(("next", "reward")).detach().sum((2, 3)))
-        ended = window.get(("next", "done"))[:, :, -1]
-        if not bool(ended.any()):
+        if not bool(self._ended.any()):
             return
-        over = ended.squeeze(-1)
+        over = self._ended.squeeze(-1)
         if bool(over[0, 0]):
             self._curve.append((self.steps_done, self.returns[:, 0].clone()))
         self.returns.masked_fill_(over, 0.0)
-        self.observation = self.env.reset(TensorDict({"_reset": ended}, self.env.batch_size)).get("observation")
+        self.observation.copy_(self.env.reset(TensorDict({"_reset": self._ended}, self.env.batch_size))["observation"])
+        self.env.detach_state()

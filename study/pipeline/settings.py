@@ -75,10 +75,14 @@ def device_type(device: str) -> str:
     return device.partition(":")[0]
 
 
+ON_A_GPU = 500
+"""Agents that train together at most: their memory fits, and their random numbers are drawn as fast as they move."""
+
+
 def partition(items: Sequence[T], size: int, device: str) -> Iterator[tuple[T, ...]]:
-    """What trains together: on a CPU `size` in a row, elsewhere all at once. It depends on neither workers nor on what
-    is left to do."""
-    size = size if device_type(device) == "cpu" else max(1, len(items))
+    """What trains together: on a CPU `size` in a row, elsewhere ON_A_GPU. It depends on neither workers nor on what is
+    left to do."""
+    size = size if device_type(device) == "cpu" else ON_A_GPU
     return (tuple(items[i : i + size]) for i in range(0, len(items), size))
 
 

@@ -167,6 +167,7 @@ def test_gradients_flow_through_every_effect(name):
         gradients = population.loss.actor_gradients(window)
         assert all(bool(g.isfinite().all()) for g in gradients)
         assert sum(float(g.abs().sum()) for g in gradients) > 1e-6
+        population._go_on_after(window)
 
 
 def test_a_motion_that_runs_away_is_told():
