@@ -50,7 +50,7 @@ class Options:
     belongs to. Its machines share the folder of results."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
-    """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU up to 500 agents train in one population."""
+    """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU up to 500 agents train together."""
 
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
     """Take up the finished runs in another study's runs.csv."""
