@@ -139,9 +139,9 @@ def where(condition: Value, x: Value, y: Value) -> Value:
     if torch is not None:
         if not isinstance(condition, torch.Tensor):
             condition = torch.as_tensor(condition)
-        if any(isinstance(v, torch.Tensor) for v in (x, y)):
-            x, y = _as_tensors(torch, (x, y))
-        return torch.where(condition, x, y)
+        if not any(isinstance(v, torch.Tensor) for v in (x, y)):
+            x = torch.full((), float(x), device=condition.device)
+        return torch.where(condition, *_as_tensors(torch, (x, y)))
     if _is_casadi((condition, x, y)):
         return casadi.if_else(condition, x, y)
     if any(isinstance(v, np.ndarray) for v in (condition, x, y)):

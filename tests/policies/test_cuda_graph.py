@@ -11,7 +11,8 @@ from policies.training.cuda_graph import CudaGraph
 from policies.training.sac import SACPopulation, SACSettings
 from policies.training.shac import SHACPopulation, SHACSettings
 from study.paper.protocol import paper_model
-from sysid import Delay, Lag, Model, RodPendulum, SensorDelay
+from sysid import CATALOGUE, Delay, Lag, Model, RodPendulum, SensorDelay
+from sysid.physics.effects import effect
 
 SETTINGS = {
     SACPopulation: SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40),
@@ -26,10 +27,13 @@ MODELS = {
     "history": Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
 }
 
+SINGLE = {name: Model(RodPendulum(), (effect(name),), dt=0.05, u_max=2.0).machine for name in sorted(CATALOGUE)}
+CARRIED = {name: model for name, model in SINGLE.items() if not any(e.ahead for e in model.input_effects)}
+
 
 def make(name="paper", algorithm=SACPopulation, device="cpu"):
     randomizations, history = RANDOM_FORCES if name == "forced" else BANDS, 3 if name == "history" else 0
-    population = algorithm(MODELS[name], randomizations, (0, 1), SETTINGS[algorithm], device, history)
+    population = algorithm((MODELS | CARRIED)[name], randomizations, (0, 1), SETTINGS[algorithm], device, history)
     population.train(30)
     return population
 
@@ -55,7 +59,7 @@ class Waiting(TorchDispatchMode):
 
 
 @pytest.mark.parametrize("algorithm", SETTINGS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [*MODELS, *CARRIED])
 def test_a_learning_step_never_waits_for_the_device(name, algorithm):
     population = make(name, algorithm)
     with Waiting() as waiting:
@@ -83,7 +87,7 @@ class FromHost(TorchFunctionMode):
 
 
 @pytest.mark.parametrize("algorithm", SETTINGS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [*MODELS, *CARRIED])
 def test_a_learning_step_brings_nothing_to_the_device(name, algorithm):
     population = make(name, algorithm)
     with FromHost() as bringing:
