@@ -166,12 +166,18 @@ def outcome(task: Task, link: Link) -> tuple[str, Any]:
         return "failed", f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
 
 
+STOP = "stop"
+"""What a driver says to a worker that shall save and end."""
+
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
 
 
 @dataclass(frozen=True)
 class Processes:
-    """Runs so many tasks at a time, each in a process of its own (a `study.pipeline.executor.Executor`)."""
+    """Runs so many tasks at a time, each in a process (a `study.pipeline.executor.Executor`).
+
+    A process goes on with the next task after a brief one: what it has loaded serves again.
+    """
 
     workers: int
 
@@ -186,13 +192,15 @@ class Processes:
                     worker = _Worker(waiting.popleft())
                     running[worker.connection] = worker
                 for connection in multiprocessing.connection.wait(list(running)):
-                    worker = running[connection]
+                    worker, supervised = running[connection], running[connection].supervised
                     kind, payload = worker.receive()
-                    if kind in ("done", "died"):
+                    if kind == "done" and waiting and not supervised.task.saves:
+                        worker.go_on(waiting.popleft())
+                    elif kind in ("done", "died"):
                         running.pop(connection).end()
-                    worker.supervised.hear(kind, payload)
+                    supervised.hear(kind, payload)
                     if kind == "died":
-                        waiting.appendleft(worker.supervised)
+                        waiting.appendleft(supervised)
         finally:
             _stop(list(running.values()))
 
@@ -222,8 +230,16 @@ class _Worker:
             why = f"its process was ended by signal {signal.Signals(-code).name}"
             return "died", why + (" (out of memory?)" if -code == signal.SIGKILL else "")
 
+    def go_on(self, supervised: Supervised) -> None:
+        """Give another task to the process, which has finished one. Where it has died, `receive` tells."""
+        self.supervised = supervised
+        with contextlib.suppress(OSError):
+            self.connection.send(supervised.task)
+
     def end(self) -> None:
         """Wait for the process, which has nothing more to do."""
+        with contextlib.suppress(OSError):
+            self.connection.send(None)
         self.process.join(PATIENCE)
         self.process.kill()
         self.connection.close()
@@ -243,7 +259,7 @@ def _stop(workers: list[_Worker]) -> None:
     try:
         for worker in workers:
             with contextlib.suppress(OSError):
-                worker.connection.send("stop")
+                worker.connection.send(STOP)
         for worker in workers:
             worker.last_words()
     finally:
@@ -278,10 +294,13 @@ class _Pipe(Link):
         return self.connection.poll()
 
 
-def _serve(connection: Connection, task: Task) -> None:
-    """Run a task and send how it ended; the main function of a worker process."""
+def _serve(connection: Connection, task: Any) -> None:
+    """Run a task and send how it ended, and go on with others; the main function of a worker process."""
     threading.Thread(target=_end_with_driver, daemon=True).start()
-    connection.send(outcome(task, _Pipe(connection)))
+    with contextlib.suppress(EOFError):
+        while task not in (None, STOP):
+            connection.send(outcome(task, _Pipe(connection)))
+            task = connection.recv()
     connection.close()
 
 

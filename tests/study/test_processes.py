@@ -1,11 +1,14 @@
 """Worker processes: one that dies costs what it did since its checkpoint, and nobody else anything."""
 
 import multiprocessing
+import os
 import re
+import signal
+import time
 
 import pytest
 
-from study.pipeline.executor import DEATHS, SECOND, Processes, WorkerFailed
+from study.pipeline.executor import DEATHS, SECOND, BriefTask, Processes, WorkerFailed
 from tests.study.counting import Counting, Forgetful, MidSentence, done, run, saved_at_an_interrupt
 
 SAVES_WHEN_ASKED = {"end": 10_000, "every": 10_000, "pause": 0.001}
@@ -31,6 +34,34 @@ def test_progress_is_told_once_a_second_at_most(tmp_path):
     said = run(Processes(1), Counting("fast", tmp_path, end=100), Counting("slow", tmp_path, end=3, pause=SECOND))
     assert [payload for name, kind, payload in said if (name, kind) == ("fast", "progress")] == [0.01]
     assert [payload for name, kind, payload in said if (name, kind) == ("slow", "progress")] == [1 / 3, 2 / 3, 1.0]
+
+
+def where(seconds, progress):
+    """The process that it runs in."""
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_a_process_goes_on_after_a_brief_task_and_ends_after_another(tmp_path):
+    brief = [BriefTask(f"brief {k}", "waiting", 1.0, None, where, (0.3,)) for k in range(6)]
+    said = run(Processes(2), *brief, Counting("long", tmp_path))
+    pids = [payload for name, kind, payload in said if kind == "done" and name.startswith("brief")]
+    assert len(pids) == 6 and len(set(pids)) == 2 and os.getpid() not in pids
+
+
+def test_a_brief_task_whose_process_is_killed_is_done_by_another(tmp_path):
+    marks = [tmp_path / f"mark {k}" for k in range(3)]
+    brief = [BriefTask(f"brief {k}", "dying", 1.0, None, dies_once, (mark,)) for k, mark in enumerate(marks)]
+    said = run(Processes(1), *brief)
+    assert [(name, kind) for name, kind, _ in said] == [
+        (task.name, kind) for task in brief for kind in ("died", "done")
+    ]
+
+
+def dies_once(mark, progress):
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.parametrize("kind", [Counting, MidSentence])
