@@ -14,7 +14,7 @@ from sysid import Record, simulate
 from sysid.physics.ops import Array
 
 SHIFT = 1e-4
-SHIFTS = SHIFT * np.eye(2)
+SHIFTS = SHIFT * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """Of a first state, to see what becomes of its error."""
 
 
@@ -59,23 +59,25 @@ class Dropo(Strategy):
         z = situation.rng.standard_normal((self.samples, P))
         error = smoothing_covariance(situation.sensor, situation.prior.dt)
 
-        def misfit(x: Array) -> float:
-            return -likelihood(situation, *self._of(situation, x), (before, u, after), z, error)
+        def misfits(x: list[Array]) -> list[float]:
+            mean, sd = self._of(situation, np.array(x))
+            found: list[float] = (-likelihoods(situation, mean, sd, (before, u, after), z, error)).tolist()
+            return found
 
         draws = situation.rng.standard_normal
         options = {"bounds": [0.0, 1.0], "maxfevals": self.evaluations, "verbose": -9, "randn": lambda *s: draws(s),
                    "seed": np.nan}  # fmt: skip
         low, high = situation.bounds.T
         begin = np.concatenate([(situation.believed - low) / (high - low), np.full(P, 0.7)])
-        found = cma.fmin2(misfit, begin, 0.25, options)[1].result
+        found = cma.fmin2(None, begin, 0.25, options, parallel_objective=misfits)[1].result
         return self._of(situation, np.asarray(found.xbest))
 
     def _of(self, situation: Situation, x: Array) -> tuple[Array, Array]:
-        """mu and sigma of a point of the unit cube: mu evenly, log sigma evenly."""
+        """mu and sigma (..., P) of points (..., 2 P) of the unit cube: mu evenly, log sigma evenly."""
         low, high = situation.bounds.T
         P = len(low)
         ends = np.log([self.narrowest, self.widest])
-        return low + x[:P] * (high - low), (high - low) * np.exp(ends[0] + x[P:] * (ends[1] - ends[0]))
+        return low + x[..., :P] * (high - low), (high - low) * np.exp(ends[0] + x[..., P:] * (ends[1] - ends[0]))
 
     def _transitions(self, situation: Situation, records: list[Record]) -> tuple[Array, Array, Array]:
         """States before (T, 2), torques (T, k) and states after (T, 2), none near a record's ends, where they are less
@@ -90,25 +92,28 @@ class Dropo(Strategy):
         return before, u, after
 
 
-def likelihood(
+def likelihoods(
     situation: Situation, mean: Array, sd: Array, transitions: tuple[Array, Array, Array], z: Array, error: Array
-) -> float:
-    """The log of it, summed over the transitions, but for a constant; z (K, P) standard normal."""
-    (low, high), (before, u, after) = situation.bounds.T, transitions
-    ends = simulated(situation, np.clip(mean + sd * z, low, high), u, before)
-    center = np.mean(ends, axis=0)
-    off = ends - center
-    at_mean = np.clip(mean, low, high)[None]
-    middle, *moved = (simulated(situation, at_mean, u, before + step)[0] for step in (0.0, *SHIFTS))
-    F = np.stack([(own - middle) / SHIFT for own in moved], -1)
-    C = np.einsum("kti,ktj->tij", off, off) / (len(z) - 1) + error + F @ error @ np.swapaxes(F, 1, 2)
+) -> Array:
+    """The log of it (S,) for S distributions, mean and sd (S, P), summed over the transitions, but for a constant; z
+    (K, P) standard normal."""
+    (low, high), (before, u, after), K = situation.bounds.T, transitions, len(z)
+    at_mean = np.repeat(np.clip(mean, low, high)[:, None], len(SHIFTS), axis=1)
+    values = np.concatenate([np.clip(mean[:, None] + sd[:, None] * z, low, high), at_mean], axis=1)
+    starts = before + np.concatenate([np.zeros((K, 2)), SHIFTS])[:, None]
+    ends = simulated(situation, values, u, starts)
+    drawn, shifted = ends[:, :K], ends[:, K:]
+    center = np.mean(drawn, axis=1)
+    off = drawn - center[:, None]
+    F = np.stack([(shifted[:, i] - shifted[:, 0]) / SHIFT for i in (1, 2)], -1)
+    C = np.einsum("skti,sktj->stij", off, off) / (K - 1) + error + F @ error @ np.swapaxes(F, -1, -2)
     e = after - center
-    distance = np.einsum("ti,tij,tj->t", e, np.linalg.inv(C), e)
-    return float(-0.5 * np.sum(distance + np.linalg.slogdet(C)[1]))
+    distance = np.einsum("sti,stij,stj->st", e, np.linalg.inv(C), e)
+    return np.asarray(-0.5 * np.sum(distance + np.linalg.slogdet(C)[1], axis=1))
 
 
-def simulated(situation: Situation, values: Array, u: Array, before: Array) -> Array:
-    """States (K, T, 2) at the end of transitions (T,) under each of the parameters (K, P)."""
-    run = simulate(situation.model(values[:, None, :]), u[None], before[None, :, 0], before[None, :, 1])
-    situation.simulated += u.size * len(values)
+def simulated(situation: Situation, values: Array, u: Array, starts: Array) -> Array:
+    """States (S, K, T, 2) at the end of transitions (T,) under parameters (S, K, P), from starts (K, T, 2)."""
+    run = simulate(situation.model(values[..., None, :]), u, starts[..., 0], starts[..., 1])
+    situation.simulated += u.size * values[..., 0].size
     return np.stack([run.theta[..., -1], run.theta_dot[..., -1]], -1)
