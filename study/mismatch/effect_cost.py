@@ -12,7 +12,7 @@ drive remembers is a third axis of its table, so that nothing is approximated bu
 is to know the state: J_aware is then that of the plain machine. A torque in time begins with the episode, and the
 aware one knows when that was.
 
-The machine moves in Runge-Kutta steps of 5 ms, of 0.2 ms where it sticks; policies are designed on steps of 25 ms.
+The machine moves in Runge-Kutta steps of 5 ms; policies are designed on steps of 25 ms.
 Episodes start 200 times where no other seed does. Tables have 120 x 121 states, whose interpolation makes them plan
 with a margin, as trained agents do: eight agents that were trained on the plain machine lose about as much to each
 effect, and less than finer tables do (table_resolution.csv, beside the losses: return on the machine with the effect
@@ -38,7 +38,7 @@ from study.figure_style import ACCENT, save_figure
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
-from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, hidden_machine
+from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, SUBSTEPS, design, hidden_machine
 from study.trials.hidden_plant import ALL_PLANTS
 from sysid import InvalidInput, OutputEffect
 
@@ -86,11 +86,11 @@ class LossRow:
 class Bench:
     """The plain machine's designers, and what they are worth there; measures one magnitude at one size at a time.
 
-    substeps   of the machine, where others are wanted than `hidden_machine` takes
+    substeps   of the machine in an interval
     """
 
     def __init__(
-        self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
+        self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int = SUBSTEPS
     ) -> None:
         self.grid, self.substeps = blunt, substeps
         self.ignorant = tuple(solve(hidden_machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp))

@@ -15,6 +15,9 @@ from sysid import RK4, Effect, InvalidInput, Model
 BLUNT = Grid(theta=120, theta_dot=121)
 """A table whose interpolation plans with a margin, as trained agents do (`effect_cost`)."""
 
+SUBSTEPS = 10
+"""The machine moves in steps of 5 ms, in which dry friction too is exact to 1e-5 rad."""
+
 DESIGN_SUBSTEPS = 2
 """Policies are designed, and agents trained, on steps of 25 ms."""
 
@@ -22,12 +25,11 @@ PRIOR = dataclasses.replace(paper_model(), integrator=RK4(substeps=DESIGN_SUBSTE
 """What an engineer would assume without data; the paper's numbers, integrated so that steps of 25 ms are no gap."""
 
 
-def hidden_machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
-    """The hidden machine; by default in steps of 5 ms, or of 0.2 ms where something makes it stick."""
+def hidden_machine(effect: Effect | None = None, substeps: int = SUBSTEPS) -> Model:
+    """The hidden machine, with an effect or as the paper has it."""
     plain = paper_model(m=2.0, l=1.5)
     model = plain if effect is None else plain.with_effect(effect)
-    fine = 250 if model.dry_frictions else 10
-    return dataclasses.replace(model, integrator=RK4(substeps=fine if substeps is None else substeps))
+    return dataclasses.replace(model, integrator=RK4(substeps=substeps))
 
 
 def design(model: Model, grid: Grid = BLUNT) -> Policy:
