@@ -11,6 +11,7 @@ from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
@@ -45,7 +46,8 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
     """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
     nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
     is none, at the slope that it has, since with a steeper one any limit ends at the same speed. The numbers that it
-    shares with a simpler one, which are `beyond` question, are left aside."""
+    shares with a simpler one, which are `beyond` question, are left aside. Where a number of the plant ended at its
+    bound, C is that of the others beside it: beyond it nothing can take an effect's place."""
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
     parameters = found.model.parameters
@@ -57,8 +59,18 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
     numbers = [found.names.index(n) for n in found.model.names_of(name) if n in found.names and sizes[0].never]
     shapes = [i for i in numbers if i not in at and math.isfinite(found.covariance[i, i])]
     own = [*at, *shapes]
-    precision = np.linalg.pinv(found.covariance[np.ix_(own, own)], hermitian=True)[: len(at), : len(at)]
+    precision = np.linalg.pinv(_beside_bounds(found, own), hermitian=True)[: len(at), : len(at)]
     return float(x @ precision @ x) / len(x)
+
+
+def _beside_bounds(found: Fit, own: list[int]) -> Array:
+    """The covariance of some numbers given those of the plant that ended at their bounds."""
+    C, parameters = found.covariance, found.model.plant.parameters
+    ended = [n in parameters and float(parameters[n].value) in parameters[n].bounds for n in found.names]
+    held: list[int] = np.flatnonzero(ended & np.isfinite(np.diag(C)) & (np.diag(C) > 0.0)).tolist()
+    across = C[np.ix_(own, held)]
+    beside: Array = C[np.ix_(own, own)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
+    return beside
 
 
 def _sizes(found: Fit, name: str) -> list[int]:

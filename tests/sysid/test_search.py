@@ -32,6 +32,7 @@ from sysid import (
     PointMassPendulum,
     Record,
     Ripple,
+    RodPendulum,
     RotorInertia,
     Saturation,
     Sensor,
@@ -48,7 +49,7 @@ from sysid import (
 )
 from sysid import parameter as number
 from sysid.diagnosis import search as search_module
-from sysid.diagnosis.criteria import is_nothing, is_plausible, matters
+from sysid.diagnosis.criteria import is_nothing, is_plausible, matters, squared_size
 from sysid.diagnosis.search import Addition, Search, Trial
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -363,6 +364,51 @@ def test_a_spring_that_rests_elsewhere_is_found_with_its_offset() -> None:
     search = Search(logs(sprung, n=3, seconds=4.0), SENSOR, ("coulomb", "spring", "torque_bias", "ripple"))
     search.run(rod(), PLANT)
     assert {a.name for a in search.additions} == {"coulomb", "spring", "torque_bias"}
+
+
+def test_a_spring_has_a_size_where_gravity_could_only_push_the_other_way() -> None:
+    """Over a small swing gravity would do as well, if it did not stand at its bound: a search named nothing there."""
+    plain, rest = Model(GeneralJoint(J=0.1, G=0.0), dt=0.01), 0.07
+    sprung = plain.with_effect(Spring(k=47.0)).with_effect(TorqueBias(tau_0=47.0 * (rest - math.pi)))
+    run, sensor = simulate(sprung, np.zeros(400), rest + 0.1, 0.0), Sensor(theta=2e-3, theta_dot=None)
+    noise = np.random.default_rng(0).normal(0.0, 2e-3, run.theta.shape)
+    record = Record(run.t, run.u, run.theta + noise, None)
+    start = first_fit(Samples(plain, [record], sensor), plain, ("G",))
+    found = extended(start, [Spring(k=40.0), TorqueBias(tau_0=-120.0)])
+    at, G = found.names.index("spring.k"), found.model.parameters["G"]
+    assert float(G.value) == 0.0 and float(found.covariance[at, at]) > 40.0**2
+    assert squared_size(found, "spring") > 100.0 and squared_size(found, "torque_bias") > 100.0
+
+
+LOSSES: dict[str, tuple[str, type[Effect]]] = {
+    "viscous": ("b", Viscous), "coulomb": ("tau_c", Coulomb), "drag": ("c", Drag),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "losses",
+    [
+        {"viscous": 0.036, "coulomb": 0.348, "drag": 0.0069},
+        {"viscous": 0.27, "coulomb": 0.12},
+        {"coulomb": 0.4, "drag": 0.03},
+    ],
+)
+def test_what_a_free_swing_loses_is_named_and_no_friction_that_falls_with_time(losses: dict[str, float]) -> None:
+    """The swing falls with time, too, and so does the loss by all that grows with speed. Numbers are per inertia; the
+    encoder is coarse."""
+    plain = Model(RodPendulum(m=1.0, l=0.1766), dt=0.02)
+    inertia, lossy = float(plain.inertia()), plain
+    for name, size in losses.items():
+        field, kind = LOSSES[name]
+        lossy = lossy.with_effect(kind(**{field: inertia * size}))
+    run, sensor = simulate(lossy, np.zeros(1575), math.pi - 1.7, 0.0), Sensor(theta=0.003, theta_dot=None)
+    noise = np.random.default_rng(0).normal(0.0, 0.001, run.theta.shape)
+    record = Record(run.t, run.u, np.round((run.theta + noise) / 0.01) * 0.01, None)
+    found = diagnose(plain, [record], sensor, parameters=["l"])
+    assert {step.effect for step in found.steps} == set(losses)
+    for name, size in losses.items():
+        number = f"{name}.{LOSSES[name][0]}"
+        assert abs(found.estimate.values[number] - inertia * size) < 4.0 * found.estimate.sd[number]
 
 
 def test_a_search_that_comes_back_to_effects_that_it_had_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ class Stribeck(DryFriction):
     """
 
     words = "dry friction that is larger at slow speed"
-    refines = (("coulomb",),)
+    refines = (("coulomb",), ("coulomb", "drag"))
     formula = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused = ("coulomb", "dahl", "lugre")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -155,7 +155,7 @@ class WarmingFriction(DryFriction):
 
     words = "dry friction that falls as the machine warms up"
     rarity = 3.5
-    refines = (("coulomb",), ("coulomb", "drift"))
+    refines = (("coulomb",), ("coulomb", "drift"), ("viscous", "coulomb"), ("viscous", "coulomb", "drag"))
     formula = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
     confused = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
