@@ -71,7 +71,7 @@ class Account:
         drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items()}
         where = "" if device == "cpu" else f" --device {device}"
         record = {
-            "command": f"python -m study.main --preset {self.plan.name}{where}",
+            "command": f"python -m study.main {self.plan.arguments}{where}",
             "device": device,
             **self.counts,
             "worker_hours": round(self.seconds / 3600.0, 3),

@@ -60,6 +60,11 @@ class StudySettings:
         return data
 
     @property
+    def arguments(self) -> str:
+        """What `study.main` is called with to run it."""
+        return f"--preset {self.name}"
+
+    @property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits that change with any setting and with the layout."""
         return digest({"format": self.layout, **self.to_dict()})

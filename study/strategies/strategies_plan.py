@@ -45,6 +45,12 @@ class StrategiesPlan(TrialPlan):
     def of_learners(self) -> Self:
         return dataclasses.replace(self, algorithm="sac", steps=self.learner_steps)
 
+    @property
+    def arguments(self) -> str:
+        """With the strategies, where some were chosen."""
+        all_of_them = self.name in PLANS and self.strategies == PLANS[self.name].strategies
+        return super().arguments + ("" if all_of_them else f" --strategies {','.join(self.strategies)}")
+
     def kind_of(self, strategy: str) -> type[Strategy]:
         return strategy_class(strategy)
 

@@ -199,6 +199,8 @@ def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
 
 def test_a_users_strategy_is_held_against_the_baseline():
     plan = PLANS["strategies-quick"].with_strategies(["point", OWN])
+    assert PLANS["strategies-quick"].arguments == "--preset strategies-quick"
+    assert plan.arguments == f"--preset strategies-quick --strategies point,{OWN}"
     assert plan.contrasts == ((OWN, "point"),)
     assert {case.n for case in plan.cases if case.strategy == OWN} == {10}
 
