@@ -53,7 +53,7 @@ class Options:
     """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU up to 500 agents train together."""
 
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
-    """Take up the finished runs in another study's runs.csv."""
+    """Take up the finished runs in another study's runs.csv, or of strategies its cases.csv."""
 
     published: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
     """Folder of the authors' per-run CSV files, to pair ours with: results/ of github.com/YTomar79/sim2real_budget."""

@@ -24,6 +24,7 @@ from study.pipeline.publication import PUBLISHED, publish
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
 from study.strategies.designs import DESIGNS, design_tasks
+from study.strategies.finished_cases import take_up
 from study.strategies.populations import (
     NETWORKS,
     TRAININGS,
@@ -45,6 +46,8 @@ def open_experiment(plan: TrialPlan, options: RunOptions) -> Iterator[StudyExper
     if options.strategies and isinstance(plan, StrategiesPlan):
         plan = plan.with_strategies(options.strategies)
     with trial_results(options.folder, plan, options.device) as results:
+        if options.imported:
+            take_up(options.imported, plan, results)
         yield TrialExperiment(plan, results, options.checkpoint_seconds)
 
 

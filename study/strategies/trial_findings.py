@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from study.pipeline.settings import all_versions
 from study.pipeline.tables import printed
 from study.statistics import Contrast, holm, paired_t, sem, student
 from study.strategies.designs import DESIGNS, OPTIMUM, Designed
+from study.strategies.finished_cases import IMPORTED
 from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_plan import Case, Condition, TrialPlan
@@ -119,6 +120,7 @@ class TrialFindings:
 
     compared   the pre-registered contrasts, in the plan's order
     agents     how many were trained; seconds: what workers spent, versions: of what trained them
+    imported   cases that were taken up from elsewhere, whose agents are not among these
     """
 
     plan: Any
@@ -127,6 +129,7 @@ class TrialFindings:
     agents: int
     seconds: float
     versions: dict[str, str]
+    imported: int = field(default=0, kw_only=True)
 
     def optimum(self, plant: str) -> float:
         """Mean return of the near-optimal policy over the plan's seeds."""
@@ -159,7 +162,10 @@ def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:
         )
     seconds = sum(own.seconds for table in results for own in table)
     made_with = all_versions(own.versions for own in results.trained)
-    return TrialFindings(plan, outcomes, planned_contrasts(plan, outcomes), len(agents), seconds, made_with)
+    imported = sum("imported" in answers[case] for case in plan.cases)
+    trained = sum(not key.startswith(IMPORTED) for key in agents)
+    compared = planned_contrasts(plan, outcomes)
+    return TrialFindings(plan, outcomes, compared, trained, seconds, made_with, imported=imported)
 
 
 def cases_of(plan: TrialPlan) -> dict[Condition, list[Case]]:
@@ -188,7 +194,7 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
     )
 
 
-CASES = ("plant", "sensing", "strategy", "n", "seed", "return", "optimum", "best_anew", "observed", "simulated")
+CASES = ("plant", "sensing", "strategy", "n", "seed", "mean", "optimum", "best_anew", "observed", "simulated")
 """One case: the mean return of what was deployed, and of its best candidate; steps that were simulated for it."""
 OUTCOMES = ("plant", "sensing", "strategy", "n", "seeds", "mean", "low", "high", "median", "gap", "optimum", "rollouts",
             "simulated")  # fmt: skip
@@ -224,6 +230,7 @@ def trial_account(
         counts={
             "cases": len(plan.cases),
             "agents": found.agents,
+            **({"imported": found.imported} if found.imported else {}),
             "contrasts": [" - ".join(pair) for pair in plan.contrasts],
         },
         seconds=found.seconds,

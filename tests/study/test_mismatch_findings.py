@@ -143,7 +143,7 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
         for name in ("cases", "outcomes", "contrasts")
     )
-    written = {(row["plant"], row["strategy"], int(row["n"]), int(row["seed"])): float(row["return"]) for row in trials}
+    written = {(row["plant"], row["strategy"], int(row["n"]), int(row["seed"])): float(row["mean"]) for row in trials}
     reached = {
         (case.plant, case.strategy, case.n, case.seed): float(np.mean(trained[answers[case]["deployed"]][case.plant]))
         for case in plan.cases

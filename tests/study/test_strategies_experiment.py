@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+import json
 import warnings
 from collections import Counter
 
@@ -19,10 +20,11 @@ from study.presets import open_experiment
 from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
-from study.strategies.session import CaseRound
+from study.strategies.session import STEPS, CaseRound
 from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_page import LOOKS, returns_of_strategies
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
+from study.strategies.trial_experiment import trial_results
 from study.strategies.trial_findings import TrialResults
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import PLAIN
@@ -34,6 +36,9 @@ TINY = dataclasses.replace(
     strategies=("prior", "point", "cross_entropy", "fine_tuning", "scratch"), steps=2048, learner_steps=160,
     random_steps=40, batch=8, in_rounds=2, contrasts=(("cross_entropy", "point"), ("fine_tuning", "point")),
 )  # fmt: skip
+
+
+HEAD = "plant,sensing,strategy,n,seed,mean,optimum,simulated"
 
 
 class Stops(Inline):
@@ -50,10 +55,10 @@ class Stops(Inline):
             super().execute([task], heard)
 
 
-def attempt(folder, executor, plan=TINY):
+def attempt(folder, executor, plan=TINY, imported=None):
     said = io.StringIO()
     console = Console(file=said, width=200)
-    with open_experiment(plan, RunOptions(folder)) as experiment:
+    with open_experiment(plan, RunOptions(folder, imported=imported)) as experiment:
         run(experiment, executor, console)
         experiment.publish(console)
     return said.getvalue()
@@ -100,6 +105,40 @@ def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_pa
     attempt(tmp_path, rest)
     assert cases(tmp_path) == cases(undisturbed[0])
     assert len(rest.tasks) == len(undisturbed[2]) - 1 - 3
+
+
+def test_finished_cases_of_other_folders_are_taken_up_and_the_rest_is_run(undisturbed, tmp_path):
+    folder, _, tasks = undisturbed
+    part, alone = TINY.with_strategies(["prior", "point", "cross_entropy"]), Inline()
+    attempt(tmp_path / "part", alone, part)
+    rest = Inline()
+    attempt(tmp_path / "all", rest, imported=tmp_path / "part" / "cases.csv")
+    assert cases(tmp_path / "all") == cases(folder)
+    told = json.loads((tmp_path / "all" / "study.json").read_text())
+    assert told["imported"] == len(part.cases) and "imported" not in json.loads((folder / "study.json").read_text())
+    trained = [{key for task in own if hasattr(task, "keys") for key in task.keys} for own in (tasks, rest.tasks)]
+    assert trained[1] < trained[0] and told["agents"] == len(trained[1])
+    attempt(tmp_path / "all", again := Inline(), imported=tmp_path / "part" / "cases.csv")
+    assert not again.tasks
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{}", r"foreign.csv has no column 'plant': expected plant, sensing, .*"),
+        (
+            f"{HEAD}\nplain,encoder,point,3,1010,-1,-1,0\n",
+            r"has the case plain, encoder, point, 3, 1010: expected .*'tiny'",
+        ),
+        (f"{HEAD}\nplain,encoder,point,2,1010,much,-1,0\n", r"line 2 does not hold the numbers of a row"),
+    ],
+)
+def test_foreign_cases_are_refused_and_nothing_is_taken_up(tmp_path, text, message):
+    (tmp_path / "foreign.csv").write_text(text)
+    with pytest.raises(InvalidInput, match=message):
+        attempt(tmp_path / "out", Inline(), imported=tmp_path / "foreign.csv")
+    with trial_results(tmp_path / "out", TINY) as results:
+        assert not results.all(STEPS)
 
 
 def test_a_folder_of_other_strategies_is_refused(undisturbed):
