@@ -166,7 +166,8 @@ class BatchedPendulums(EnvBase):
             if episode not in begun:  # agents that share a seed share its start states
                 rng = generator(episode[0], Purpose.EPISODES, episode[1])
                 begun[episode] = rng, task.start_state(rng), rng.bit_generator.state
-            rng, (drawn["theta"][i], drawn["theta_dot"][i]), rng.bit_generator.state = begun[episode]
+            rng, (drawn["theta"][i], drawn["theta_dot"][i]), after_start = begun[episode]
+            rng.bit_generator.state = after_start
             own = self.randomizations[a]
             for name, value in own.sample(rng, self.base_model).items():
                 drawn[name][i] = value

@@ -24,7 +24,7 @@ IMPORTED = "imported-"
 
 @dataclass(frozen=True)
 class FinishedCase:
-    """A row of `cases.csv`; see `trial_findings.CASES`."""
+    """What counts of a row of `cases.csv`; see `trial_findings.CASES`. The optimum is computed anew."""
 
     plant: str
     sensing: str
@@ -32,7 +32,6 @@ class FinishedCase:
     n: int
     seed: int
     mean: float
-    optimum: float
     simulated: float
     best_anew: float | None = None
     observed: float | None = None

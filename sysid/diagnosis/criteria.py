@@ -65,9 +65,8 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
 
 def _beside_bounds(found: Fit, own: list[int]) -> Array:
     """The covariance of some numbers given those of the plant that ended at their bounds."""
-    C, parameters = found.covariance, found.model.plant.parameters
-    ended = [n in parameters and float(parameters[n].value) in parameters[n].bounds for n in found.names]
-    held: list[int] = np.flatnonzero(ended & np.isfinite(np.diag(C)) & (np.diag(C) > 0.0)).tolist()
+    C, ended = found.covariance, found.at_bounds.intersection(found.model.plant.parameters)
+    held = [i for i, name in enumerate(found.names) if name in ended and 0.0 < C[i, i] < math.inf]
     across = C[np.ix_(own, held)]
     beside: Array = C[np.ix_(own, own)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
     return beside
