@@ -10,7 +10,7 @@ import numpy as np
 from study.strategies.readings import REACH, smoothed, smoothing_covariance
 from study.strategies.simopt import setup_of
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy, required
-from sysid import Record, simulate
+from sysid import InvalidInput, Record, simulate
 from sysid.physics.ops import Array
 
 SHIFT = 1e-4
@@ -87,6 +87,9 @@ class Dropo(Strategy):
             states = np.stack(smoothed(record, situation.sensor), -1)
             begins = range(REACH, len(record.u) - k - REACH + 1, k)
             rows += [(states[i], record.u[i : i + k], states[i + k]) for i in begins]
+        if not rows:
+            steps = max(len(record.u) for record in records)
+            raise InvalidInput(f"DROPO was given rollouts of {steps} steps: expected at least {2 * REACH + k}")
         chosen = np.linspace(0, len(rows) - 1, min(self.transitions, len(rows))).round().astype(int)
         before, u, after = (np.array(column) for column in zip(*(rows[i] for i in chosen), strict=True))
         return before, u, after

@@ -16,21 +16,23 @@ class FineTuning(Strategy):
     Varol, "Efficient sim-to-real transfer in reinforcement learning through domain randomization and domain
     adaptation", IEEE Access 2023, who take 20 to 50 episodes.
 
-    Changed: SAC goes on with its actor, critics and temperature, and with the memory of the plant alone.
+    Changed: SAC goes on with its actor, critics and temperature, and with the memory of the plant alone. A plant has no
+    gradient, so the agent is SAC's from the beginning, of `learner_steps`; with no rollout it is deployed as it is.
     """
 
     short: ClassVar[str] = "fine-tuning"
     source: ClassVar[str] = "Shakerimov 2023"
     group: ClassVar[str] = "plant"
+    least: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
         (agent,) = yield Train((TrainingSetup(situation.prior, PriorRange(situation.names)),), critics=True)
-        return (yield Learn(situation.budget, agent))
+        return (yield Learn(situation.budget, agent)) if situation.budget else agent
 
 
 @dataclass(frozen=True)
 class FromScratch(Strategy):
-    """No simulator: every rollout is an episode of training."""
+    """No simulator: every rollout is an episode of training, by SAC with the settings of the agents in simulation."""
 
     short: ClassVar[str] = "from scratch"
     group: ClassVar[str] = "plant"

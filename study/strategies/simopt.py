@@ -30,8 +30,9 @@ class SimOpt(Strategy):
     sd         of the first distribution, about the prior, as a share of the plausible range
     blur       [samples] sd of the Gaussian filter over the differences, as in the source
 
-    Changed: the agent of every round is trained from nothing, by SAC; the starts are what the smoothed readings say;
-    observations are compared as (cos theta, sin theta, theta_dot / 8), or the speed alone where that was read.
+    Changed: the agent of every round is trained from nothing; the starts are what the smoothed readings say;
+    observations are compared as (cos theta, sin theta, theta_dot / 8), or the speed alone where that was read. The
+    bound is that of SimuRLacra's script for SimOpt, which takes 5 steps of 500 samples a round.
     """
 
     kl: float = 1.0

@@ -24,17 +24,25 @@ class StrategiesFindings(TrialFindings):
 
     plan: StrategiesPlan
 
+    @property
+    def several(self) -> bool:
+        """Whether there are several budgets, so that strategies have lines over them."""
+        return len({condition.n for condition in self.outcomes} - {0}) > 1
+
     def line(self, plant: str, sensing: str, strategy: str) -> dict[int, Outcome]:
         """A strategy's outcomes by budget."""
         return {c.n: o for c, o in self.outcomes.items() if c[:3] == (plant, sensing, strategy)}
 
     def arrived(self, plant: str, sensing: str, strategy: str) -> int | None:
-        """The smallest budget from which on it stays within NEAR of the optimum; None where it does not get there."""
-        found = None
-        for n, outcome in sorted(self.line(plant, sensing, strategy).items(), reverse=True):
-            if float(np.mean(outcome.returns)) < (1.0 + NEAR) * float(np.mean(outcome.optima)):
-                break
-            found = n
+        """The smallest budget from which on it stays within NEAR of the optimum, among those with the most seeds; None
+        where it does not get there."""
+        line, found = self.line(plant, sensing, strategy), None
+        most = max((len(outcome.seeds) for outcome in line.values()), default=0)
+        for n, outcome in sorted(line.items(), reverse=True):
+            if len(outcome.seeds) == most:
+                if outcome.shortfall.mean > NEAR:
+                    break
+                found = n
         return found
 
     def contrast(self, plant: str, n: int, a: str) -> PlannedContrast | None:

@@ -1,6 +1,6 @@
 """The strategies experiment, told: figures and page.
 
-Mean returns of the strategies, a panel a plant: over the rollouts, or below each other with one budget.
+A panel a plant: how far strategies fall short of the optimum over the rollouts, or with one budget their returns.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
-from study.formatting import number
+from study.formatting import percent
 from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_class
-from study.strategies.strategies_findings import StrategiesFindings, strategies_findings, strategies_sentences
+from study.strategies.strategies_findings import NEAR, StrategiesFindings, strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
-from study.strategies.trial_figures import ENOUGH, LOWEST, SENSED, returns_in_rows
+from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
 from study.strategies.trial_findings import Outcome, TrialResults, trial_account
 
 GROUPS = {
@@ -39,37 +40,43 @@ INKS = dict(zip(GROUPS, ("0.5", *COLOURS), strict=False))
 LOOKS = [{"color": colour, "marker": mark} for colour, mark in zip(COLOURS, "osD^vPXp", strict=True)]
 """Of the lines of a group."""
 
+LEAST = 0.01
+"""What falls short by less is drawn as if by so much."""
+
 
 def returns_of_strategies(findings: StrategiesFindings) -> Figure:
-    """Mean returns with 95 % intervals over seeds: lines over the rollouts where there are several budgets, and else a
-    row a strategy. Hollow: the best candidate so far, evaluated anew."""
-    several = len({condition.n for condition in findings.outcomes} - {0}) > 1
-    return (_lines if several else _rows)(findings)
+    """Lines over the rollouts where there are several budgets, and else mean returns, a row a strategy."""
+    return (_lines if findings.several else _rows)(findings)
 
 
 def _lines(findings: StrategiesFindings) -> Figure:
-    """A row of panels a group, with its names at the right; grey: the point estimate and what spends nothing."""
+    """How far the means fall short of the optimum, all panels to one scale that has the optimum above: a row a group,
+    with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
     groups = {g: [s for s in plan.strategies if strategy_class(s).group == g] for g in GROUPS}
     context = [s for s in plan.strategies if s == BASELINE or s in groups["nothing"]]
     grey = {s: {"color": "0.6", "marker": "o" if s == BASELINE else "x+"[k % 2]} for k, s in enumerate(context)}
     spending = {group: own for group, own in groups.items() if own and group != "nothing"}
-    figure = Figure(figsize=(3.4 + 3.0 * places, 1.0 + 2.5 * len(spending)), layout="constrained")
-    rows = figure.subplots(len(spending), places + 1, squeeze=False, sharex="col", sharey="col",
-                           width_ratios=[3.0] * places + [2.0])  # fmt: skip
+    figure = Figure(figsize=(2.8 + 2.4 * places, 1.0 + 2.4 * len(spending)), layout="constrained")
+    rows = figure.subplots(len(spending), places + 1, squeeze=False, sharex="col",
+                           width_ratios=[2.4] * places + [1.7])  # fmt: skip
+    most = max(NEAR, *(outcome.shortfall.mean for outcome in findings.outcomes.values()))
     for (group, own), (*panels, key) in zip(spending.items(), rows, strict=True):
         looks = grey | dict(zip(own, cycle(LOOKS), strict=False))
         for (plant, sensing), axes in zip(plan.places, panels, strict=True):
-            optimum = findings.optimum(plant.name)
-            here = [o for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing)]
-            axes.set_ylim(*_limits(optimum, here))
-            axes.axhline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
-            annotate_beside(axes, number(optimum), (0.0, optimum), (3, 5), color=ACCENT, fontsize=8.0,
-                            xycoords=axes.get_yaxis_transform())  # fmt: skip
+            axes.set_yscale("log")
+            axes.set_ylim(1.3 * most, 0.85 * LEAST)
+            axes.yaxis.set_major_locator(LogLocator(10.0, subs=(1.0, 3.0)))
+            axes.yaxis.set_major_formatter(lambda share, _: f"{100.0 * share:.3g} %")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            axes.axhline(NEAR, color=ACCENT, linewidth=1.1, zorder=1)
+            axes.tick_params(labelleft=axes is panels[0])
             for strategy, look in looks.items():
                 _line(axes, plan.budgets, findings.line(plant.name, sensing, strategy), look)
             faint_lines(axes, "y")
-        panels[0].set_ylabel(f"{GROUPS[group]}\nreturn")
+        annotate_beside(panels[0], percent(NEAR), (1.0, NEAR), (-3, 5), color=ACCENT, fontsize=8.0, ha="right",
+                        xycoords=panels[0].get_yaxis_transform())  # fmt: skip
+        panels[0].set_ylabel(f"{GROUPS[group]}\nshort of the optimum by")
         for strategy, look in sorted(looks.items(), key=lambda item: item[0] not in own):
             key.plot([], [], label=strategy_class(strategy).short, linewidth=1.4, markersize=4.5, **look)
         key.legend(loc="center left", fontsize=8.5)
@@ -82,17 +89,16 @@ def _lines(findings: StrategiesFindings) -> Figure:
 
 
 def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look: Mapping[str, Any]) -> None:
-    """A strategy's means, and those of its best candidates; arrows for what is below the panel."""
-    low, x = axes.get_ylim()[0], [budgets.index(n) for n in line]
-    means = [outcome.mean for outcome in line.values()]
-    axes.plot(x, [mean.mean for mean in means], linewidth=1.4, markersize=4.5, **look)
-    axes.plot(x, [o.anew for o in line.values()], linewidth=1.0, linestyle=":", markersize=4.5,
+    """A strategy's shortfalls, and those of its best candidates; small where seeds are too few for an interval."""
+    x, falls = [budgets.index(n) for n in line], [outcome.shortfall for outcome in line.values()]
+    best = [outcome.anew / float(np.mean(outcome.optima)) - 1.0 for outcome in line.values()]
+    axes.plot(x, [max(LEAST, fall.mean) for fall in falls], linewidth=1.2, **{**look, "marker": ""})
+    axes.plot(x, np.maximum(LEAST, best), linewidth=1.0, linestyle=":", markersize=4.5,
               **{**look, "markerfacecolor": "white"})  # fmt: skip
-    for at, outcome in zip(x, line.values(), strict=True):
-        if outcome.mean.mean < low:
-            axes.plot([at], [low], markersize=4.5, clip_on=False, **{**look, "marker": "v"})
-        elif len(outcome.seeds) >= ENOUGH:
-            axes.plot([at, at], [outcome.mean.low, outcome.mean.high], color=look["color"], linewidth=1.0, alpha=0.6)
+    for at, fall in zip(x, falls, strict=True):
+        axes.plot([at], [max(LEAST, fall.mean)], markersize=5.0 if fall.seeds >= ENOUGH else 2.5, **look)
+        if fall.seeds >= ENOUGH:
+            axes.plot([at, at], np.maximum(LEAST, [fall.low, fall.high]), color=look["color"], linewidth=1.0, alpha=0.6)
 
 
 def _rows(findings: StrategiesFindings) -> Figure:
@@ -104,18 +110,16 @@ def _rows(findings: StrategiesFindings) -> Figure:
     return figure
 
 
-def _limits(optimum: float, outcomes: Sequence[Outcome]) -> tuple[float, float]:
-    """From a little below the least that is shown, but not below LOWEST optima, to a little above the optimum."""
-    least = min([optimum, *(min(o.mean.mean, o.mean.low if np.isfinite(o.mean.low) else 0.0) for o in outcomes)])
-    room = 0.06 * abs(max(least, LOWEST * optimum) - optimum) + 0.02 * abs(optimum)
-    return max(least - room, LOWEST * optimum), optimum + room
-
-
 CAPTION = (
-    "Mean return for the real rollouts that were spent, strategies of a group together, with its 95 % interval where "
-    "there are three seeds. Hollow: of strategies that compare returns, their best candidate so far, evaluated anew "
-    "outside the budget. Grey: the point estimate and what spends nothing. Red: the optimum. Arrows are outside the "
-    "panel."
+    "How far mean returns fall short of the optimum's, for the real rollouts that were spent, strategies of a group "
+    f"together; bars: 95 % intervals over seeds. Small marks: fewer than {ENOUGH} seeds, which say little. "
+    f"Above the red line it is less than {percent(NEAR)}; what is nearer than {percent(LEAST)} lies at the upper edge. "
+    "Hollow: of strategies that compare returns, their best candidate so far, evaluated anew outside the budget. Grey: "
+    "the point estimate and what spends nothing."
+)
+ROWS_CAPTION = (
+    "Mean return with its 95 % interval over seeds, a row a strategy. Hollow: of strategies that compare returns, "
+    "their best candidate, evaluated anew outside the budget. Dashed: the point estimate. Red: the optimum."
 )
 
 
@@ -125,7 +129,7 @@ def account(plan: StrategiesPlan, results: TrialResults) -> Account:
     return trial_account(
         found,
         strategies_sentences(found),
-        (partial(returns_of_strategies, found), CAPTION),
+        (partial(returns_of_strategies, found), CAPTION if found.several else ROWS_CAPTION),
         "strategies.html.j2",
         {"strategies": {name: strategy_class(name) for name in plan.strategies}},
     )

@@ -1,7 +1,7 @@
 """The strategies experiment as it was fixed before any of its agents was trained: plants, budgets, seeds, contrasts.
 
 No setting of a strategy was tuned on these plants or seeds: they are the sources' where a pendulum allows them, and
-otherwise chosen once. This module loads nothing heavy.
+otherwise chosen once; each strategy's docstring tells what was changed. This module loads nothing heavy.
 """
 
 from __future__ import annotations
@@ -73,10 +73,14 @@ class StrategiesPlan(TrialPlan):
     def with_strategies(self, names: Sequence[str]) -> StrategiesPlan:
         """The same plan for these strategies; a user's own are held against the baseline as ours are.
 
-        Raises InvalidInput for an unknown strategy.
+        Raises InvalidInput for an unknown strategy, and for one that is named twice.
         """
         for name in names:
             strategy_class(name)
+            if names.count(name) > 1:
+                from sysid import InvalidInput
+
+                raise InvalidInput(f"strategy {name!r} was given {names.count(name)} times: expected each once")
         own = tuple((name, BASELINE) for name in names if name not in PLACES)
         kept = tuple(pair for pair in (*self.contrasts, *own) if set(pair) <= set(names))
         return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)

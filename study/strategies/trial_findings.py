@@ -85,6 +85,13 @@ class Outcome:
         """Mean return of the best candidates, evaluated anew."""
         return float(np.mean(self.best))
 
+    @property
+    def shortfall(self) -> Contrast:
+        """By what share of the optimum's mean return the mean falls short of it, with Student's interval: what can be
+        held against other seeds and other plants."""
+        shares = (self.optima - self.returns) / abs(float(np.mean(self.optima)))
+        return student(float(np.mean(shares)), sem(shares), len(shares))
+
     def less(self, other: Outcome) -> Array:
         """The differences (S,) over the seeds that both have."""
         shared = sorted(set(self.seeds) & set(other.seeds))

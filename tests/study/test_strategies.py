@@ -172,6 +172,20 @@ def test_an_unknown_strategy_is_told_in_a_sentence(name, told):
         PLANS["strategies"].with_strategies([name])
 
 
+def test_a_strategy_that_is_named_twice_is_refused():
+    with pytest.raises(InvalidInput, match="strategy 'point' was given 2 times: expected each once"):
+        PLANS["strategies"].with_strategies(["point", "band", "point"])
+
+
+@pytest.mark.parametrize("name", [*PLACES, OWN])
+def test_a_plant_that_ends_early_is_enough_or_said_to_be_too_short(name):
+    kind = strategy_class(name)
+    try:
+        assert isinstance(talk(name, min(kind.most, max(5, kind.least)), still, steps=12), Finished)
+    except InvalidInput as error:
+        assert name == "dropo" and "given rollouts of 12 steps: expected at least" in str(error)
+
+
 def test_a_strategy_that_needs_angles_refuses_speeds_alone():
     with pytest.raises(InvalidInput, match="given sensing 'speed': expected encoder"):
         talk("dropo", 2, still, sensing="speed")
