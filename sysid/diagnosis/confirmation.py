@@ -225,14 +225,17 @@ class Confirmation:
                 self.errors[names_of(self.additions)] = (fit, after)
 
     def _weigh_friction(self) -> None:
-        """Leave out all additions, tried ones too, where more torque is missing with them than the drive has, and
-        friction along the motion makes nearly all of what the drive does: such a motion does not come of the torque."""
+        """Leave out all additions, tried ones too, where friction along the motion makes nearly all of what the drive
+        does, and with them more torque is missing than the drive has, or than friction leaves, and no inertia shows:
+        such a motion does not come of the torque."""
+        found = self._friction_along()
+        if found is None:
+            return
         end, error = self.fit_with(self.additions)
         torque = self.torque(end)
-        if torque.overwhelms and self.remaining(end, error, torque) is not None:
-            self.friction = self._friction_along()
-        if self.friction is not None:
-            self.additions, self.unconfirmed = [], []
+        better = torque.after**2 > (1.0 - found.share) * torque.drive**2 and not found.shows_inertia
+        if (torque.overwhelms or better) and self.remaining(end, error, torque) is not None:
+            self.friction, self.additions, self.unconfirmed = found, [], []
 
     def _friction_along(self) -> FrictionAlong | None:
         search = self.search

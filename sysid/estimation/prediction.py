@@ -23,6 +23,9 @@ SHORTEST = 0.3
 PERIODS = 5
 """Periods of a free swing over which predictions are judged, and that a record shows at least."""
 
+TOLD = 0.1
+"""Share of the information on a combination of parameters that is enough to ask for another one."""
+
 GROWTH = 5.0
 """Logarithm of the factor by which an error may grow until a prediction says nothing of the model."""
 
@@ -47,8 +50,10 @@ class PredictionErrors:
         noise = np.maximum(self.free, 1.0)
         apart = np.log((other.squares + noise) / (self.squares + noise))
         mean = float(np.mean(apart))
-        if np.sum(self.squares) > np.sum(other.squares):
-            mean = min(mean, -abs(math.log(float(np.sum(self.squares)) / max(float(np.sum(other.squares)), 1e-300))))
+        judged = np.arange(len(apart)) != np.argmax(self.squares - other.squares) if len(apart) > 2 else slice(None)
+        own, others = float(np.sum(self.squares[judged])), float(np.sum(other.squares[judged]))
+        if own > others:
+            mean = min(mean, -abs(math.log(own / max(others, 1e-300))))
         return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
 
 
@@ -135,7 +140,8 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
 
 
 def _without(fit: Fit, windows: list[Window]) -> Model:
-    """The model with the parameters that the other blocks ask for."""
+    """The model with the parameters that the other blocks ask for: a step along the directions of which these have more
+    than the share TOLD of the information; what the windows alone tell, nothing else can judge."""
     samples, p = fit.samples, fit.values
     if not len(p):
         return fit.model
@@ -150,9 +156,13 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     size = np.linalg.norm(Z, axis=0)
     free[free] = size > 0.0
     Z = Z[:, size > 0.0] / size[size > 0.0]
-    rest = Z[~rows]
-    step = np.zeros(len(p))
-    N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
-    step[free] = np.linalg.solve(N, rest.T @ e[~rows]) / size[size > 0.0]
+    rest, step = Z[~rows], np.zeros(len(p))
+    tiny = 1e-6 * np.eye(Z.shape[1])
+    root = np.linalg.cholesky(Z.T @ Z + tiny)
+    across = np.linalg.solve(root, rest.T)
+    told, directions = np.linalg.eigh(across @ across.T + np.linalg.solve(root, np.linalg.solve(root, tiny).T))
+    own = directions[:, told > TOLD]
+    along = own @ (own.T @ (across @ e[~rows]) / told[told > TOLD])
+    step[free] = np.linalg.solve(root.T, along) / size[size > 0.0]
     numbers = np.clip(p + step, low, high).tolist()
     return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))

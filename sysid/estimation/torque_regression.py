@@ -26,6 +26,8 @@ STANDS = 0.05
 """Share of the RMS speed below which a joint stands, and friction may be whatever holds it."""
 MOST = 20_000
 """Samples that are looked at."""
+SURELY = 3.0
+"""Standard errors from which a number of the regression is no accident."""
 MADE_OF_FRICTION = 0.9
 """Share of a torque from which it is said to be friction and load: what else there is could be anything below."""
 
@@ -122,8 +124,8 @@ class FrictionAlong:
 
     Attributes
     ----------
-    viscous, coulomb, load : tuple of float
-        b [N m s/rad], tau_c [N m] and d [N m], and their standard errors.
+    viscous, coulomb, load, inertia : tuple of float
+        b [N m s/rad], tau_c [N m], d [N m] and J [kg m^2], and their standard errors.
     share : float
         The share of the torque that all terms together explain, of data that the regression has not seen: of its
         squares about the constant torque that explains most of what was seen.
@@ -132,7 +134,14 @@ class FrictionAlong:
     viscous: tuple[float, float]
     coulomb: tuple[float, float]
     load: tuple[float, float]
+    inertia: tuple[float, float]
     share: float
+
+    @property
+    def shows_inertia(self) -> bool:
+        """Whether the torque surely changes with the acceleration."""
+        value, sd = self.inertia
+        return value > SURELY * sd
 
 
 def friction_along(
@@ -149,9 +158,9 @@ def friction_along(
     columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor, slow=slow), motion)
     varies = float(np.sum((torque - columns[:, 2:3] @ constant) ** 2))
     share = 1.0 - float(np.sum((torque - columns @ value) ** 2)) / varies if varies > 0.0 else 0.0
-    viscous, coulomb, load, *_ = zip(value, sd, strict=True)
-    sure = max(number - 3.0 * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
-    return FrictionAlong(viscous, coulomb, load, share) if sure and share > MADE_OF_FRICTION else None
+    viscous, coulomb, load, inertia, *_ = zip(value, sd, strict=True)
+    sure = max(number - SURELY * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
+    return FrictionAlong(viscous, coulomb, load, inertia, share) if sure and share > MADE_OF_FRICTION else None
 
 
 def _of_the_torque(

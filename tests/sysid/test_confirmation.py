@@ -45,6 +45,9 @@ class Scripted(Confirmation):
     def torque(self, end: Any) -> Any:
         return _torque(1.0)
 
+    def _friction_along(self) -> FrictionAlong | None:
+        return None
+
     def _hides(self, addition: Any, *_: Any) -> bool:
         return addition.name in self.hiding
 
@@ -102,11 +105,24 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     assert names_of(found.additions) == (kept,)
 
 
-@pytest.mark.parametrize(("drive", "along", "said"), [(0.5, True, True), (0.5, False, False), (10.0, True, False)])
-def test_friction_along_the_motion_is_told_alone_where_more_is_missing_than_the_drive_has(
-    drive: float, along: bool, said: bool
+SEEN, UNSEEN = (0.1, 0.01), (0.01, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("drive", "along", "inertia", "said"),
+    [
+        (0.5, True, SEEN, True),
+        (0.5, False, SEEN, False),
+        (3.0, True, SEEN, False),
+        (3.0, True, UNSEEN, True),
+        (10.0, True, UNSEEN, False),
+    ],
+)
+def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_the_drive_has_or_friction_leaves(
+    drive: float, along: bool, inertia: tuple[float, float], said: bool
 ) -> None:
-    friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), 0.95)
+    """A torque of 1 is missing, and friction leaves a twentieth of the drive's squares."""
+    friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), inertia, 0.95)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(confirmation, "is_nothing", lambda *_: False)
         patch.setattr(confirmation, "is_undetermined", lambda *_: False)

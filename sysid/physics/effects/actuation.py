@@ -15,6 +15,10 @@ from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_re
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import doubling, of_curve, of_largest, parameter
 
+LARGEST_STALL = 10.0
+"""Multiple of the largest torque that a drive is told, up to which it may be limited at rest: a steeper curve hardly
+falls before the speed where it ends."""
+
 
 @dataclass(frozen=True, eq=False)
 class Delay(DeadTime, InputEffect):
@@ -138,6 +142,10 @@ class TorqueSpeedLimit(JointEffect):
     ratios: ClassVar = {"no_load_speed": ("limit", "k", "rad/s")}
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
+
+    def resolved(self, sd: float, reach: float, drive: float) -> bool:
+        """Whether the curve falls over a range of speeds, and is no wall at one of them."""
+        return float(self.limit) < LARGEST_STALL * drive
 
     def torque(self, joint: Joint) -> Value:
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
