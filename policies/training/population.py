@@ -142,9 +142,18 @@ class Population(ABC):
         return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max, history) for a in range(self.agents)]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
-        with whole(Path(path)) as file:
-            torch.save({**self._identity(), **self._progress()}, file)
+        """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk.
+
+        Raises OSError where it cannot be written, with what the system says of it, be that behind the writer's error.
+        """
+        try:
+            with whole(Path(path)) as file:
+                torch.save({**self._identity(), **self._progress()}, file)
+        except (OSError, RuntimeError) as error:
+            found: BaseException | None = error
+            while found is not None and not isinstance(found, OSError):
+                found = found.__context__
+            raise OSError(f"the checkpoint {path} cannot be written ({found.strerror if found else error})") from error
 
     def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.

@@ -169,4 +169,7 @@ def _latest(population: Population, heard: int) -> list[float]:
 def _save(population: Population, checkpoint: Path | None) -> None:
     if checkpoint is not None and population.steps_done > 0:
         checkpoint.parent.mkdir(exist_ok=True)
-        population.save(checkpoint)
+        try:
+            population.save(checkpoint)
+        except OSError as error:
+            raise InvalidInput(str(error)) from None

@@ -174,7 +174,7 @@ class PopulationTask(Task):
             population.seconds += now - before
             stop = link.stop_asked()
             if stop or now - saved >= self.checkpoint_seconds:
-                _save(population, self.checkpoint)
+                population.save(self.checkpoint)
                 saved = time.monotonic()
                 link.saved()
             if stop:
@@ -197,16 +197,3 @@ def sac_settings(settings: StudySettings) -> SACSettings:
     return SACSettings(
         hidden=settings.hidden, steps=settings.steps, batch=settings.batch, random_steps=settings.random_steps
     )
-
-
-def _save(population: Population, checkpoint: Path) -> None:
-    """Write a checkpoint. What the system says of a full disk may stand behind another error of the writer."""
-    try:
-        population.save(checkpoint)
-    except (OSError, RuntimeError) as error:
-        partial(checkpoint).unlink(missing_ok=True)
-        found: BaseException | None = error
-        while found is not None and not isinstance(found, OSError):
-            found = found.__context__
-        reason = found.strerror if found else error
-        raise OSError(f"the checkpoint {checkpoint} cannot be written ({reason})") from error

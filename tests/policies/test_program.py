@@ -1,12 +1,16 @@
 """Training a few agents and keeping one: the choice is by start states of its own."""
 
 import dataclasses
+import errno
+import os
 
 import numpy as np
 import pytest
+import torch
 
 from policies.environments.randomization import Fixed
 from policies.evaluation import evaluate, fresh_start_states
+from policies.training import program
 from policies.training.program import CHOICE, POPULATIONS, settings_for, train
 from policies.training.sac import SACPopulation, SACSettings
 from study.paper.protocol import paper_model
@@ -83,3 +87,13 @@ def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monk
     for ours, theirs in zip(resumed.policy.layers, whole.policy.layers, strict=True):
         assert all(map(np.array_equal, ours, theirs))
     assert not file.exists()
+
+
+def test_a_full_disk_ends_a_training_with_a_sentence(tmp_path, monkeypatch):
+    def full(content, file):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(torch, "save", full)
+    monkeypatch.setattr(program, "CHECKPOINT_SECONDS", 0.0)
+    with pytest.raises(InvalidInput, match=r"training.checkpoint cannot be written \(No space left"):
+        train(paper_model(0.3, 0.6), Fixed(), SHORT, [0, 1], checkpoint=tmp_path / "new" / "training.checkpoint")
