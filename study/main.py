@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from study.pipeline.settings import installed_version
 from study.presets import ABOUT, PRESETS
 
 if TYPE_CHECKING:
@@ -61,32 +60,22 @@ class Options:
     checkpoint_seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0
     """Seconds between checkpoints of a population: about what a crash may cost it."""
 
-    @property
-    def command(self) -> str:
-        given = {_flag(field): getattr(self, field.name) for field in dataclasses.fields(self)
-                 if getattr(self, field.name) != field.default}  # fmt: skip
-        return " ".join(["python -m study.main", *(f"{flag} {shlex.quote(str(own))}" for flag, own in given.items())])
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    problem, foreign = _wrong_sysid(), _foreign_sysid()
-    if problem:
-        return _fail(f"{foreign or problem}", 2)
-    if foreign:
-        print(f"warning: {foreign}", file=sys.stderr)
-
     from sysid.cli.command_line import called
 
-    options, unknown = tyro.cli(Options, prog=called("python -m study.main"), args=arguments, return_unknown_args=True)
+    program, given = called("python -m study.main"), sys.argv[1:] if arguments is None else list(arguments)
+    options, unknown = tyro.cli(Options, prog=program, args=given, return_unknown_args=True)
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
     signal.signal(signal.SIGTERM, _interrupt)
-    return _study(options)
+    return _study(options, f"{program} {shlex.join(given)}".strip())
 
 
-def _study(options: Options) -> int:
+def _study(options: Options, command: str) -> int:
+    """Run the study; command: what goes on with it."""
     import sqlite3
 
     from rich.console import Console
@@ -107,12 +96,12 @@ def _study(options: Options) -> int:
             run(experiment, executor, console)
             experiment.publish(console)
     except KeyboardInterrupt:
-        print(f"\nstopped; the same command goes on: {options.command}", file=sys.stderr)
+        print(f"\nstopped; the same command goes on: {command}", file=sys.stderr)
         return 130
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:
-        return _fail(f"{error}; finished runs are kept, and the same command goes on: {options.command}", 1)
+        return _fail(f"{error}; finished runs are kept, and the same command goes on: {command}", 1)
     return 0
 
 
@@ -153,28 +142,6 @@ def _flag(field: dataclasses.Field[object]) -> str:
 def _fail(sentence: str, code: int) -> int:
     print(f"error: {sentence}", file=sys.stderr)
     return code
-
-
-def _foreign_sysid() -> str | None:
-    """A sentence where a foreign distribution named `sysid` is installed; it has files of our package's name."""
-    found = installed_version("sysid")
-    if found == "not installed":
-        return None
-    return (
-        f"the foreign distribution 'sysid' {found} is installed beside gapfinder and overwrites files of its package "
-        "sysid: run `pip uninstall sysid`, then install gapfinder again with --force-reinstall"
-    )
-
-
-def _wrong_sysid() -> str | None:
-    """A sentence where `import sysid` finds another package than the one that came with this study."""
-    import sysid
-
-    ours = Path(__file__).resolve().parents[1]
-    place = Path(sysid.__file__ or ".").resolve().parents[1]
-    if place == ours and "diagnose" in dir(sysid):  # which loads nothing yet
-        return None
-    return f"`import sysid` finds {place / 'sysid'}, expected {ours / 'sysid'}: another package comes first"
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -22,10 +22,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -43,6 +41,7 @@ from sysid.data.json_file import count, mapping, number_in, read_json, sequence,
 from sysid.errors import excerpt
 from sysid.estimation.saved_model import from_dict, to_dict
 from sysid.limits import check_size
+from sysid.version import installed_versions
 
 SCHEMA = "gapfinder/policy/1"
 DESCRIPTION, WEIGHTS = "policy.json", "policy.safetensors"
@@ -80,7 +79,7 @@ def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str]
         "u_max": policy.u_max,
         "weights": {"file": WEIGHTS, "sha256": hashlib.sha256(weights).hexdigest()},
         "model": to_dict(model),
-        "about": {**about, "versions": package_versions()},
+        "about": {**about, "versions": installed_versions(("gapfinder", "numpy", "torch"))},
     }
     folder = Path(folder)
     with named(folder, "write"):
@@ -150,14 +149,3 @@ def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDA
         check_size(f"layer {i} has a width of", out, LAYER_WIDTH)
         width = out
     return layers
-
-
-def package_versions() -> dict[str, str]:
-    """What the numbers of a training depend on."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for package in ("gapfinder", "numpy", "torch"):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found

@@ -15,10 +15,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from study.pipeline.settings import StudySettings, device_type, installed_version
+from study.pipeline.settings import StudySettings, device_type
 from study.pipeline.tables import R, ResultTable
 from sysid import InvalidInput
 from sysid.errors import excerpt
+from sysid.version import installed_version
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
 

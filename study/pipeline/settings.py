@@ -7,12 +7,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
+
+from sysid.version import installed_versions
 
 T = TypeVar("T")
 
@@ -109,18 +109,9 @@ def check_device(device: str) -> None:
 PACKAGES = ("gapfinder", "numpy", "scipy", "torch", "torchrl", "tensordict", "control")
 
 
-def installed_version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
-
-
 def versions() -> dict[str, str]:
     """Python, the processor's architecture and PACKAGES."""
-    return {"python": platform.python_version(), "machine": platform.machine()} | {
-        p: installed_version(p) for p in PACKAGES
-    }
+    return installed_versions(PACKAGES)
 
 
 def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:

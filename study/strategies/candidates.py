@@ -10,19 +10,21 @@ process and acquisition functions. Every answer of it is a function of these and
 
 from __future__ import annotations
 
-import contextlib
 import warnings
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from policies.environments.randomization import Band
-from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try, required
+from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try
 from study.trials.training_setup import TrainingSetup
+from sysid.data.files import check_installed
 from sysid.physics.ops import Array
 
+DIGITS = 4
+"""Of a candidate's coordinates, so that the last bits of a library do not make another agent."""
 STARTS, SAMPLES = 8, 256
 """Of the search for the largest value: local ones, and random points that these begin at."""
 
@@ -38,57 +40,39 @@ def scattered(count: int, dimension: int, seed: int) -> Array:
 
 def improving(x: Array, y: Array, seed: int) -> Array:
     """Where the expected improvement over the best value is largest (D,)."""
-    analytic = required("botorch.acquisition.analytic", "botorch", "BayRn")
-    with _seeded(seed + len(x)):
-        process = _fitted(x, y)
-        return _largest(analytic.LogExpectedImprovement(process, best_f=float(np.max(y))), x.shape[1])
+    return _largest("LogExpectedImprovement", x, y, seed + len(x), best_f=float(np.max(y)))
 
 
 def most_promising(x: Array, y: Array, seed: int) -> Array:
     """Where the process' mean is largest (D,)."""
-    analytic = required("botorch.acquisition.analytic", "botorch", "BayRn")
-    with _seeded(seed):
-        return _largest(analytic.PosteriorMean(_fitted(x, y)), x.shape[1])
+    return _largest("PosteriorMean", x, y, seed)
 
 
-@contextlib.contextmanager
-def _seeded(seed: int) -> Iterator[None]:
-    """Torch's generator as if it began anew, and what BoTorch warns of kept quiet."""
+def _largest(acquisition: str, x: Array, y: Array, seed: int, **own: float) -> Array:
+    """Where BoTorch's acquisition of that name is largest, of a process with its default kernel and priors, the numbers
+    of which are the likeliest."""
+    check_installed("botorch", "strategies", "BayRn")
     import torch
+    from botorch.acquisition import analytic
+    from botorch.fit import fit_gpytorch_mll
+    from botorch.models import SingleTaskGP
+    from botorch.models.transforms import Standardize
+    from botorch.optim import optimize_acqf
+    from gpytorch.mlls import ExactMarginalLogLikelihood
 
+    points, values = (torch.as_tensor(own, dtype=torch.float64) for own in (x, y[:, None]))
+    cube = torch.tensor([[0.0], [1.0]], dtype=torch.float64).expand(2, x.shape[1])
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.manual_seed(seed)
-        yield
-
-
-def _fitted(x: Array, y: Array) -> Any:
-    """A process with BoTorch's default kernel and priors, its numbers by maximum likelihood."""
-    import torch
-
-    models = required("botorch.models", "botorch", "BayRn")
-    fit = required("botorch.fit", "botorch", "BayRn").fit_gpytorch_mll
-    likelihoods = required("gpytorch.mlls", "gpytorch", "BayRn")
-    outcome = required("botorch.models.transforms", "botorch", "BayRn").Standardize(m=1)
-    targets = torch.as_tensor(y, dtype=torch.float64)[:, None]
-    process = models.SingleTaskGP(torch.as_tensor(x, dtype=torch.float64), targets, outcome_transform=outcome)
-    fit(likelihoods.ExactMarginalLogLikelihood(process.likelihood, process))
-    return process
-
-
-def _largest(acquisition: Any, dimension: int) -> Array:
-    import torch
-
-    optimize = required("botorch.optim", "botorch", "BayRn").optimize_acqf
-    cube = torch.tensor([[0.0] * dimension, [1.0] * dimension], dtype=torch.float64)
-    found, _ = optimize(acquisition, bounds=cube, q=1, num_restarts=STARTS, raw_samples=SAMPLES)
-    return np.round(found[0].detach().numpy(), 4)
+        process = SingleTaskGP(points, values, outcome_transform=Standardize(m=1))
+        fit_gpytorch_mll(ExactMarginalLogLikelihood(process.likelihood, process))
+        sought = getattr(analytic, acquisition)(process, **own)
+        found, _ = optimize_acqf(sought, bounds=cube, q=1, num_restarts=STARTS, raw_samples=SAMPLES)
+    return np.round(found[0].detach().numpy(), DIGITS)
 
 
 WIDEST = 0.5
-
-DIGITS = 4
-"""Of a candidate's coordinates, so that the last bits of a library do not make another agent."""
 
 
 def band(situation: Situation, x: Array) -> TrainingSetup:

@@ -9,8 +9,9 @@ import numpy as np
 
 from study.strategies.readings import REACH, smoothed, smoothing_covariance
 from study.strategies.simopt import setup_of
-from study.strategies.strategy import Dialogue, Play, Situation, Strategy, required
+from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from sysid import InvalidInput, Record, simulate
+from sysid.data.files import check_installed
 from sysid.physics.ops import Array
 
 SHIFT = 1e-4
@@ -54,7 +55,10 @@ class Dropo(Strategy):
 
     def distribution(self, situation: Situation, records: list[Record]) -> tuple[Array, Array]:
         """mu (P,) and sigma (P,)."""
-        cma, P = required("cma", "cma", "DROPO"), len(situation.names)
+        check_installed("cma", "strategies", "DROPO")
+        import cma
+
+        P = len(situation.names)
         before, u, after = self._transitions(situation, records)
         z = situation.rng.standard_normal((self.samples, P))
         error = smoothing_covariance(situation.sensor, situation.prior.dt)

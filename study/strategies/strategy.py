@@ -19,7 +19,6 @@ answers alone: after an interruption, and in every round, it is asked again and 
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -148,16 +147,6 @@ class Situation:
         """The prior's model at values (..., P)."""
         values = np.asarray(values)
         return self.prior.with_parameters({name: values[..., i] for i, name in enumerate(self.names)})
-
-
-def required(module: str, package: str, strategy: str) -> Any:
-    """A library that only some strategies need. Raises InvalidInput where its package is not installed."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise InvalidInput(
-            f"{strategy} needs the package {package}, which is not installed: pip install 'gapfinder[strategies]'"
-        ) from None
 
 
 class Strategy(ABC):

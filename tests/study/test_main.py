@@ -13,7 +13,7 @@ import pytest
 
 from study.main import main
 from study.paper.presets import SMOKE
-from study.pipeline.settings import installed_version
+from sysid.version import installed_version
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIMUM = -330.15

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from policies.network_policy import NetworkPolicy
 from study.mismatch.mismatch_plan import PLANS as MISMATCH
 from study.paper.protocol import paper_model
+from study.strategies.candidates import most_promising
 from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance
@@ -192,11 +193,9 @@ def test_a_strategy_that_needs_angles_refuses_speeds_alone():
 
 
 def test_a_missing_library_is_a_sentence(monkeypatch):
-    from study.strategies import strategy
-
-    monkeypatch.setattr(strategy.importlib, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InvalidInput, match=r"BayRn needs the package botorch.*pip install 'gapfinder\[strategies\]'"):
-        strategy.required("botorch", "botorch", "BayRn")
+        most_promising(np.zeros((4, 3)), np.zeros(4), seed=0)
 
 
 def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
