@@ -23,8 +23,11 @@ SHORTEST = 0.3
 PERIODS = 5
 """Periods of a free swing over which predictions are judged, and that a record shows at least."""
 
-TOLD = 0.1
-"""Share of the information on a combination of parameters that is enough to ask for another one."""
+TOLD = 0.01
+"""Share of the information on a combination of parameters from which a part of a log is asked for it."""
+
+RUNS_AWAY = 1e3
+"""Multiple of another model's squared error in a window from which a model has lost its way there."""
 
 GROWTH = 5.0
 """Logarithm of the factor by which an error may grow until a prediction says nothing of the model."""
@@ -45,13 +48,15 @@ class PredictionErrors:
     def gain(self, other: PredictionErrors) -> tuple[float, float]:
         """Mean of log(other's square / own) over the windows, and its standard error: no window outweighs all others.
 
-        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger.
+        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger,
+        but for the worst window, unless the model runs away there.
         """
         noise = np.maximum(self.free, 1.0)
         apart = np.log((other.squares + noise) / (self.squares + noise))
         mean = float(np.mean(apart))
-        judged = np.arange(len(apart)) != np.argmax(self.squares - other.squares) if len(apart) > 2 else slice(None)
-        own, others = float(np.sum(self.squares[judged])), float(np.sum(other.squares[judged]))
+        worst = int(np.argmax(self.squares - other.squares))
+        spared = len(apart) > 2 and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
+        own, others = (float(np.sum(np.delete(e.squares, worst) if spared else e.squares)) for e in (self, other))
         if own > others:
             mean = min(mean, -abs(math.log(own / max(others, 1e-300))))
         return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf

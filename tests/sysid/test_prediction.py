@@ -124,6 +124,14 @@ def test_what_runs_away_is_not_called_better() -> None:
     assert wild.gain(tame)[0] < 0.0
 
 
+def test_one_window_that_is_predicted_worse_does_not_outweigh_the_others() -> None:
+    """Though the sum of squares is larger for it."""
+    before, after = errors(*[8.0] * 30), errors(*[1.0] * 29, 500.0)
+    assert after.ratio > before.ratio
+    gain, sd = after.gain(before)
+    assert gain > 2.0 * sd
+
+
 def test_a_difference_below_the_noise_is_hardly_a_gain() -> None:
     """A window that is predicted to a hundredth of its noise is no hundred times better."""
     gain, _ = errors(*[0.01] * 5).gain(errors(*[1.0] * 5))
@@ -162,6 +170,21 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     found = np.array([float(without[n].value) for n in NAMES])
     assert np.max(np.abs(whole.values - rest.values) / sd) > 0.3, "the records agree too well to tell"
     assert np.max(np.abs(found - rest.values) / sd) < 0.1
+
+
+def test_what_only_a_stretch_tells_keeps_its_number_where_that_is_left_out() -> None:
+    """A pulse, and then a free swing, which tells nothing of the inertia."""
+    rng, u, unknown = np.random.default_rng(0), np.zeros(600), np.zeros(600)
+    u[50:80] = 1.5
+    for k in range(1, len(unknown)):
+        unknown[k] = 0.8 * unknown[k - 1] + 0.03 * rng.standard_normal()
+    run = simulate(JOINT, u + unknown, math.pi + 0.5, 0.0)
+    samples = Samples(JOINT, [replace(SENSOR.measure(run, rng)[0], u=u)], SENSOR)
+    whole = fit_parameters(samples, JOINT, NAMES, disturbances=Disturbances(0.05, 0.1))
+    pulse = [w for w in windows_of(whole, 1.0) if w.begin < 150]
+    without = _without(whole, pulse).parameters
+    sd = dict(zip(NAMES, np.sqrt(np.diag(whole.covariance)), strict=True))
+    assert abs(float(without["J"].value) - whole.values[0]) < sd["J"]
 
 
 @pytest.mark.parametrize("sensing", [SensorDelay(), FilteredSpeed()], ids=lambda e: e.name)

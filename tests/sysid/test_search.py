@@ -30,6 +30,7 @@ from sysid import (
     Model,
     Periodic,
     PointMassPendulum,
+    PositionServo,
     Record,
     Ripple,
     RodPendulum,
@@ -620,6 +621,16 @@ def test_a_contact_gives_by_more_than_the_noise_and_by_less_than_the_motion() ->
         True,
         False,
     ]
+
+
+def test_a_curve_that_falls_over_no_range_of_speeds_is_no_motors_but_a_servos_profile() -> None:
+    """To a drive that is told torques; what follows positions is held to a speed by its firmware."""
+    largest = float(np.max(np.abs(base().linearised.drive_torques)))
+    curves = [TorqueSpeedLimit(limit=size * largest, k=size * largest / 3.0) for size in (1.5, 40.0)]
+    found = [dataclasses.replace(base(), model=base().model.with_effect(curve)) for curve in curves]
+    assert [is_plausible(fit, ("torque_speed_limit",)) for fit in found] == [True, False]
+    servo = found[1].model.with_effect(PositionServo(k_p=10.0))
+    assert is_plausible(dataclasses.replace(found[1], model=servo), ("torque_speed_limit",))
 
 
 def test_the_same_search_again() -> None:
