@@ -72,14 +72,16 @@ def _arrivals(findings: StrategiesFindings) -> str:
     for plant, sensing in findings.plan.places:
         own = {s: findings.arrived(plant.name, sensing, s) for s in findings.plan.strategies}
         there = {s: n for s, n in own.items() if n is not None}
+        seeds = max(len(o.seeds) for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing) and c.n)
         where = f"On the plant with {plant.title}" if plant.effect else "On the paper's plant"
+        where += f" ({sensing}, {seeds} seeds)"
         if not there:
-            told.append(f"{where} ({sensing}) no strategy comes within {percent(NEAR)} of the optimum.")
+            told.append(f"{where} no strategy comes within {percent(NEAR)} of the optimum.")
             continue
         least = min(there.values())
         first = [strategy_class(s).short for s, n in there.items() if n == least]
         told.append(
-            f"{where} ({sensing}) {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
+            f"{where} {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
             f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(own)} do so within the "
             "budgets that were run."
         )
