@@ -81,7 +81,8 @@ def test_a_rollout_is_worth_measuring_below_its_break_even_price_and_not_above()
     assert price > 0.3
     cheap, dear, unthinkable = at(0.9 * price), at(1.1 * price), at(100.0)
     assert cheap.best is not None
-    assert cheap.advice.startswith("Measure first: ")
+    assert cheap.advice.startswith("Measure first: ") and "do not settle it (--draws)" in cheap.advice
+    assert at(0.1 * price).advice.endswith(" to the return.")
     assert dear.best is None
     assert dear.advice.startswith("Train now")
     assert unthinkable.settled
