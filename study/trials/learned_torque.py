@@ -21,7 +21,7 @@ import numpy as np
 
 from sysid import Effect, InputEffect, InvalidInput, Joint, JointEffect, Model, Record, Sensor, State, ops
 from sysid.estimation.held_out import held_out_error
-from sysid.estimation.output_error import Response, propagate
+from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
 from sysid.physics.effects.effect import Memory
 from sysid.physics.ops import Array, Value
@@ -256,7 +256,12 @@ class Windows:
         """Residuals and derivatives at weights p (P,) and starts (K, 2)."""
         e, states = self.residual(p, starts)
         A, G = self._slopes(p, states)
-        Z = propagate(A, G)
+        K, L, _, P = G.shape
+        Z = np.zeros((K, L + 1, 2, 2 + P))
+        Z[:, 0, :, :2] = np.eye(2)
+        for k in range(L):
+            Z[:, k + 1] = A[:, k] @ Z[:, k]
+            Z[:, k + 1, :, 2:] += G[:, k]
         S = (np.swapaxes(Z, 1, 2) * self.response.weight[..., None]).reshape(*e.shape, Z.shape[-1])
         return WindowSensitivities(e, S[..., :2], S[..., 2:])
 

@@ -128,7 +128,9 @@ class Worth:
             cost = (self.price or 0.0) * self.best.rollouts
             settled = self._net(self.best) > SURE * self.best.gain.sem
             doubt = "" if settled else "; so few draws do not settle it (--draws)"
-            return f"Measure first: {counted(self.best)}, for {cost:g}, would add {self.best.gain} to the return{doubt}."
+            return (
+                f"Measure first: {counted(self.best)}, for {cost:g}, would add {self.best.gain} to the return{doubt}."
+            )
         if self.price is not None and (self.perfect.value <= self.price or not self.further):
             return f"{train}: perfect knowledge would add {self.perfect}, and one rollout costs {self.price:g}."
         if not self.further:

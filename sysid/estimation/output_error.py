@@ -1,13 +1,15 @@
 """What a model answers to a log: trajectories, whitened residuals and their exact derivatives, window by window.
 
-A window is a stretch of a record with an initial state of its own; a whole rollout is the longest one. One CasADi
-Function per control interval is mapped over all samples at once; the chain rule over time is a linear recursion in
-NumPy. So cost and memory grow linearly with the samples, and a new model compiles in hundredths of a second.
+A window is a stretch of a record with an initial state of its own; a whole rollout is the longest one. CasADi rolls
+the step of a control interval over a window, and the derivative S = dx / dx_0 to its start beside the state:
+
+    x' = f(x),    S' = (df / dx) S,    S_0 = I
+
+So cost and memory grow linearly with the samples, and a new model compiles in hundredths of a second.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
@@ -134,10 +136,6 @@ class Response:
         settings = (self.model.integrator, self.model.dt)
         return _compiled(_Structure((*settings, *(_without_numbers(part) for part in moving)), self.model))
 
-    @cached_property
-    def _roll(self) -> casadi.Function:
-        return self._step.end.mapaccum(self.length)
-
     def _inputs(self, among: Among) -> tuple[Array, Array, Array]:
         """What a mapped step takes beside states, a row an interval: drive torques, time and the model's numbers."""
         interval, time = self.interval[among], self.time_since_start[among, : self.length]
@@ -145,15 +143,15 @@ class Response:
         repeated = np.broadcast_to(numbers, (interval.size, len(numbers)))
         return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1), repeated
 
-    def _moved(self, starts: Array, among: Among) -> Array:
-        """States (K, L+1, n) of windows, those of dynamic effects included, from starts (K, 2) of the joint."""
-        K, first = len(starts), np.hstack([starts, self._inner[among]])
-        rest = evaluate_mapped(self._roll.map(K), first, *self._inputs(among)).reshape(K, self.length, -1)
+    def _rolled(self, step: casadi.Function, first: Array, among: Among) -> Array:
+        """What a step makes of the first values (K, V) of windows, these included (K, L+1, V)."""
+        roll = step.mapaccum(self.length).map(len(first))
+        rest = evaluate_mapped(roll, first, *self._inputs(among)).reshape(len(first), self.length, -1)
         return np.concatenate([first[:, None], rest], axis=1)
 
     def states(self, starts: Array) -> Array:
         """States (K, L+1, 2) of all windows from their starts (K, 2)."""
-        return self._moved(starts, ALL)[..., :2]
+        return self._rolled(self._step.end, np.hstack([starts, self._inner]), ALL)[..., :2]
 
     # readings ------------------------------------------------------------------------------------------------
 
@@ -179,32 +177,24 @@ class Response:
 
     # all together --------------------------------------------------------------------------------------------
 
-    def residual(self, starts: Array) -> Array:
-        """Whitened residuals (K, R) alone."""
-        return self._whitened(self.states(starts), ALL)
-
-    def _whitened(self, states: Array, among: Among) -> Array:
-        errors: Array = (self.y[among] - self.readings(states, among)) * self.weight[among]
-        return errors.reshape(len(states), -1)
-
     def linearise(self, starts: Array, among: Among = ALL) -> Linearisation:
         """Residuals and derivatives at the starts (K, 2) of windows."""
-        K, L, moved = len(starts), self.length, self._moved(starts, among)
-        n, states = moved.shape[-1], moved[..., :2]
-        slopes = evaluate_mapped(self._step.slope.map(K * L), moved[:, :L].reshape(K * L, n), *self._inputs(among))
-        A = slopes.reshape(K, L, n, n).swapaxes(2, 3)
-        Z = propagate(A, np.empty((K, L, n, 0)))[:, :, :2, :2]
-        S_x = self._reading_slopes(states, Z, among) * self.weight[among][..., None]
-        return Linearisation(self._whitened(states, among), S_x.reshape(K, -1, 2), states)
+        K, first = len(starts), np.hstack([starts, self._inner[among]])
+        n = first.shape[1]
+        moved = self._rolled(self._step.both, np.hstack([first, np.tile(np.eye(2, n).ravel(), (K, 1))]), among)
+        states, S = moved[..., :2], moved[..., n:].reshape(K, -1, 2, n)[..., :2].swapaxes(2, 3)
+        e = (self.y[among] - self.readings(states, among)) * self.weight[among]
+        S_x = self._reading_slopes(states, S, among) * self.weight[among][..., None]
+        return Linearisation(e.reshape(K, -1), S_x.reshape(K, -1, 2), states)
 
 
 class _Step(NamedTuple):
-    """A step of models that differ in the numbers `names` alone: (x, drives, t, numbers) -> its end x', and the columns
-    of its slope dx' / dx, the states of dynamic effects among those of x."""
+    """A step of models that differ in the numbers `names` alone: (x, drives, t, numbers) -> its end x', the states of
+    dynamic effects among those of x; and both that and the two columns of S', each below x."""
 
     names: tuple[str, ...]
     end: casadi.Function
-    slope: casadi.Function
+    both: casadi.Function
 
 
 @dataclass(frozen=True)
@@ -247,9 +237,10 @@ def _compiled(structure: _Structure) -> _Step:
     model = model.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
     *moved, inner_then = model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
     after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
-    slope, inputs = casadi.densify(casadi.jacobian(after, x)), [x, drives, t, numbers]
-    end = casadi.Function("step", inputs, [after], {"cse": True})
-    return _Step(names, end, casadi.Function("slope", inputs, [casadi.vec(slope)], {"cse": True}))
+    S, others = casadi.SX.sym("S", after.size1(), 2), [drives, t, numbers]
+    end = casadi.Function("step", [x, *others], [after], {"cse": True})
+    inputs, outputs = casadi.vertcat(x, casadi.vec(S)), casadi.vertcat(after, casadi.vec(casadi.jtimes(after, x, S)))
+    return _Step(names, end, casadi.Function("both", [inputs, *others], [casadi.densify(outputs)], {"cse": True}))
 
 
 def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
@@ -267,41 +258,6 @@ def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
     buffer.set_res(0, out.data)
     run()
     return out
-
-
-def propagate(A: Array, G: Array) -> Array:
-    """Z (K, L+1, n, n + Q): derivatives of the states with respect to a window's start and to Q parameters.
-
-        Z_(k+1) = A_k Z_k + [0, G_k],   Z_0 = [I, 0]
-
-    A (K, L, n, n), G (K, L, n, Q). Long windows are cut into blocks that run side by side and are then chained.
-    """
-    K, L, n, Q = G.shape
-    B = L if K * 8 > L else max(16, math.isqrt(L))
-    blocks = -(-L // B)
-    pad = blocks * B - L
-    A = np.concatenate([A, np.broadcast_to(np.eye(n), (K, pad, n, n))], axis=1).reshape(K, blocks, B, n, n)
-    G = np.concatenate([G, np.zeros((K, pad, n, Q))], axis=1).reshape(K, blocks, B, n, Q)
-    Z = np.zeros((K, blocks, B + 1, n, n + Q))
-    Z[:, :, 0, :, :n] = np.eye(n)
-    for b in range(B):
-        Z[:, :, b + 1] = _product(A[:, :, b], Z[:, :, b])
-        Z[:, :, b + 1, :, n:] += G[:, :, b]
-    start = Z[:, 0, -1]
-    for i in range(1, blocks):
-        own = Z[:, i].copy()
-        Z[:, i] = _product(own[..., :n], start[:, None])
-        Z[:, i, :, :, n:] += own[..., n:]
-        start = Z[:, i, -1]
-    return np.concatenate([Z[:, :, :-1].reshape(K, blocks * B, n, -1), Z[:, -1:, -1]], axis=1)[:, : L + 1]
-
-
-def _product(a: Array, z: Array) -> Array:
-    """a z of many small matrices, in a few products of whole arrays, which is faster than a matrix at a time."""
-    product: Array = a[..., :1] * z[..., :1, :]
-    for j in range(1, a.shape[-1]):
-        product = product + a[..., j : j + 1] * z[..., j : j + 1, :]
-    return product
 
 
 def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:

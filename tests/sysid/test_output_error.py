@@ -30,7 +30,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.estimation.output_error import CHANNELS, Response, evaluate_mapped, propagate
+from sysid.estimation.output_error import CHANNELS, Response, evaluate_mapped
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import multisine
 
@@ -55,13 +55,13 @@ def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, senso
 
 def differences(response: Response, starts: np.ndarray) -> np.ndarray:
     """-d residual / d starts (K, R, 2), by central differences."""
-    moved = [[response.residual(starts + s * 1e-6 * x) for s in (1.0, -1.0)] for x in np.eye(2)]
+    moved = [[response.linearise(starts + s * 1e-6 * x).e for s in (1.0, -1.0)] for x in np.eye(2)]
     return np.stack([(down - up) / 2e-6 for up, down in moved], axis=-1)
 
 
 def assert_exact(response: Response, starts: np.ndarray) -> None:
     lin = response.linearise(starts)
-    np.testing.assert_allclose(lin.e, response.residual(starts), atol=1e-12)
+    np.testing.assert_allclose(lin.states, response.states(starts), atol=1e-12)
     by_differences = differences(response, starts)
     size = np.max(np.abs(by_differences), axis=(0, 1))
     assert np.all(np.max(np.abs(lin.S_x - by_differences), axis=(0, 1)) <= 2e-4 * size + 1e-6)
@@ -185,7 +185,7 @@ def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[
     for w, own in zip(windows.windows, windows.states(starts), strict=True):
         np.testing.assert_allclose(own[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
     if name != "all effects":  # a play's memory outlasts any lead-in
-        assert np.max(np.abs(windows.residual(starts))) < 1e-8, "the lead-in does not fill the memories"
+        assert np.max(np.abs(windows.linearise(starts).e)) < 1e-8, "the lead-in does not fill the memories"
 
 
 def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> None:
@@ -196,7 +196,7 @@ def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> No
     record = Record(run.t, run.u[0], run.theta_read[0], run.theta_dot_read[0])
     windows = Response(model, [record], BOTH, cut([record], 1.0, 1.0))
     starts = np.array([[run.theta[0, w.begin], run.theta_dot[0, w.begin]] for w in windows.windows])
-    assert np.sqrt(np.mean(windows.residual(starts) ** 2)) < 0.3
+    assert np.sqrt(np.mean(windows.linearise(starts).e ** 2)) < 0.3
 
 
 def test_readings_that_no_window_holds_do_not_matter() -> None:
@@ -207,26 +207,6 @@ def test_readings_that_no_window_holds_do_not_matter() -> None:
     padded = response.weight.reshape(2, -1) == 0.0
     assert np.count_nonzero(padded) == 2 * 67
     assert not np.any(lin.e[padded]) and not np.any(lin.S_x[padded])
-
-
-@pytest.mark.parametrize(("K", "L"), [(1, 1), (1, 16), (1, 37), (2, 400), (3, 257), (60, 20), (9, 72)])
-@pytest.mark.parametrize("n", [2, 4])
-def test_propagation_is_the_plain_recursion(K: int, L: int, n: int) -> None:
-    rng = np.random.default_rng(K + L)
-    A = np.eye(n) + 0.1 * rng.standard_normal((K, L, n, n))
-    G = rng.standard_normal((K, L, n, 3))
-    Z = np.zeros((K, L + 1, n, n + 3))
-    Z[:, 0, :, :n] = np.eye(n)
-    for k in range(L):
-        Z[:, k + 1] = A[:, k] @ Z[:, k]
-        Z[:, k + 1, :, n:] += G[:, k]
-    np.testing.assert_allclose(propagate(A, G), Z, rtol=1e-9, atol=1e-9 * np.max(np.abs(Z)))
-
-
-def test_propagation_of_no_parameter_is_the_transition() -> None:
-    A = np.random.default_rng(0).standard_normal((2, 5, 2, 2))
-    Z = propagate(A, np.zeros((2, 5, 2, 0)))
-    np.testing.assert_allclose(Z[:, -1], A[:, 4] @ A[:, 3] @ A[:, 2] @ A[:, 1] @ A[:, 0])
 
 
 def test_a_mapped_function_gives_what_casadi_gives_with_rows_for_columns() -> None:
