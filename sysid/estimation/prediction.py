@@ -23,9 +23,6 @@ SHORTEST = 0.3
 PERIODS = 5
 """Periods of a free swing over which predictions are judged, and that a record shows at least."""
 
-TOLD = 0.01
-"""Share of the information on a combination of parameters from which a part of a log is asked for it."""
-
 RUNS_AWAY = 1e3
 """Multiple of another model's squared error in a window from which a model has lost its way there."""
 
@@ -145,8 +142,7 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
 
 
 def _without(fit: Fit, windows: list[Window]) -> Model:
-    """The model with the parameters that the other blocks ask for: a step along the directions of which these have more
-    than the share TOLD of the information; what the windows alone tell, nothing else can judge."""
+    """The model with the parameters that the other blocks ask for."""
     samples, p = fit.samples, fit.values
     if not len(p):
         return fit.model
@@ -161,13 +157,9 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     size = np.linalg.norm(Z, axis=0)
     free[free] = size > 0.0
     Z = Z[:, size > 0.0] / size[size > 0.0]
-    rest, step = Z[~rows], np.zeros(len(p))
-    tiny = 1e-6 * np.eye(Z.shape[1])
-    root = np.linalg.cholesky(Z.T @ Z + tiny)
-    across = np.linalg.solve(root, rest.T)
-    told, directions = np.linalg.eigh(across @ across.T + np.linalg.solve(root, np.linalg.solve(root, tiny).T))
-    own = directions[:, told > TOLD]
-    along = own @ (own.T @ (across @ e[~rows]) / told[told > TOLD])
-    step[free] = np.linalg.solve(root.T, along) / size[size > 0.0]
+    rest = Z[~rows]
+    step = np.zeros(len(p))
+    N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
+    step[free] = np.linalg.solve(N, rest.T @ e[~rows]) / size[size > 0.0]
     numbers = np.clip(p + step, low, high).tolist()
     return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))

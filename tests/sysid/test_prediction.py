@@ -172,21 +172,6 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     assert np.max(np.abs(found - rest.values) / sd) < 0.1
 
 
-def test_what_only_a_stretch_tells_keeps_its_number_where_that_is_left_out() -> None:
-    """A pulse, and then a free swing, which tells nothing of the inertia."""
-    rng, u, unknown = np.random.default_rng(0), np.zeros(600), np.zeros(600)
-    u[50:80] = 1.5
-    for k in range(1, len(unknown)):
-        unknown[k] = 0.8 * unknown[k - 1] + 0.03 * rng.standard_normal()
-    run = simulate(JOINT, u + unknown, math.pi + 0.5, 0.0)
-    samples = Samples(JOINT, [replace(SENSOR.measure(run, rng)[0], u=u)], SENSOR)
-    whole = fit_parameters(samples, JOINT, NAMES, disturbances=Disturbances(0.05, 0.1))
-    pulse = [w for w in windows_of(whole, 1.0) if w.begin < 150]
-    without = _without(whole, pulse).parameters
-    sd = dict(zip(NAMES, np.sqrt(np.diag(whole.covariance)), strict=True))
-    assert abs(float(without["J"].value) - whole.values[0]) < sd["J"]
-
-
 @pytest.mark.parametrize("sensing", [SensorDelay(), FilteredSpeed()], ids=lambda e: e.name)
 def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: Effect) -> None:
     """Of a rollout that was cut a memory needs the first instants: there are fewer windows, for both of them."""
