@@ -221,7 +221,7 @@ class Confirmation:
             after = self.error(fit)
             if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
                 p = p_value(end.deviance - fit.deviance, found.numbers)
-                self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p, fit)]
+                self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p)]
                 self.errors[names_of(self.additions)] = (fit, after)
 
     def _weigh_friction(self) -> None:

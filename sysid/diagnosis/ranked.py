@@ -30,17 +30,15 @@ class Ranked:
     """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, and those
     that the log cannot tell from it.
 
-    known_error  the held-out error with it, where that is known without a fit
-    fit, base    the fits with it and without, where it was refitted
-    missing      RMS of the torque [N m] that is missing without it
-    held_out     the held-out error of a fit
+    fit, base   the fits with it and without, where it was refitted
+    missing     RMS of the torque [N m] that is missing without it
+    held_out    the held-out error of a fit
     """
 
     effect: str
     alike: tuple[str, ...]
     score: float
     p_value: float
-    known_error: float | None = None
     fit: Fit | None = None
     base: Fit | None = None
     missing: float = 0.0
@@ -49,7 +47,7 @@ class Ranked:
     @cached_property
     def error_after(self) -> float | None:
         """The held-out error with it, in units of the sensor noise; None where it was not refitted."""
-        return self.known_error if self.fit is None or self.held_out is None else self.held_out(self.fit).ratio
+        return None if self.fit is None or self.held_out is None else self.held_out(self.fit).ratio
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:

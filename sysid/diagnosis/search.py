@@ -61,7 +61,6 @@ class Addition:
     same: tuple[str, ...]
     close: tuple[str, ...]
     p_value: float
-    fit: Fit
 
 
 @dataclass(eq=False)
@@ -377,7 +376,7 @@ class Search:
                 )
             numbers = len(chosen.fit.names) - len(now.names)
             p = p_value(now.deviance - chosen.fit.deviance, numbers)
-            self.additions.append(Addition(name, same, close, p, chosen.fit))
+            self.additions.append(Addition(name, same, close, p))
         return settled(chosen.fit)
 
     def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
@@ -441,7 +440,7 @@ class Search:
                 ):
                     continue
                 at = self.additions.index(addition)
-                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value, other) for n in new]
+                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value) for n in new]
                 now = fit_parameters(now.samples, other.model, other.names, other)
                 break
         return now

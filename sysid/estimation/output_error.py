@@ -86,7 +86,6 @@ class Response:
             self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
             if begin + count < len(self.records[record]):
                 self.weight[i, :, count] = 0.0  # that instant is the next window's first
-        self.n_readings = np.count_nonzero(self.weight, axis=(0, 2))
 
     @cached_property
     def _samples(self) -> Samples:

@@ -30,12 +30,11 @@ class Window:
         return self.lead if self.begin > 0 else 0
 
 
-def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, skip: int = 0) -> tuple[Window, ...]:
+def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) -> tuple[Window, ...]:
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
 
-    The first `skip` instants of a record are not scored either: what the drive did just before a log, no row tells.
-    Nor is the lead of a record that begins in the middle of a rollout, or UNKNOWN [s] where the commands before it are
-    not known: memories fill there.
+    Nor is the lead of a record scored that begins in the middle of a rollout, or UNKNOWN [s] where the commands before
+    it are not known: memories fill there.
 
     The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
     its record is.
@@ -49,8 +48,7 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, 
         edges = np.linspace(first, n, min(pieces, n - first) + 1).round().astype(int)
         for begin, end in pairwise(edges):
             early = min(int(begin), _intervals(lead, dt)) if begin > first else first
-            unscored = early if begin > 0 else min(skip, n - 1)
-            windows.append(Window(i, int(begin) - early, int(end - begin) + early, unscored))
+            windows.append(Window(i, int(begin) - early, int(end - begin) + early, early if begin > 0 else 0))
     return tuple(windows)
 
 

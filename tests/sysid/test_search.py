@@ -254,7 +254,7 @@ def test_what_has_become_idle_goes() -> None:
     """As if viscous friction had been added while the dry one was still unknown."""
     both = extended(extended(base(), [Viscous(b=0.02)]), [Coulomb(tau_c=0.05)])
     search = Search(rubbing(), SENSOR)
-    search.additions = [Addition(n, (), (), 1e-9, both) for n in ("viscous", "coulomb")]
+    search.additions = [Addition(n, (), (), 1e-9) for n in ("viscous", "coulomb")]
     end = search._pruned(both)
     assert [a.name for a in search.additions] == ["coulomb"]
     assert {e.name for e in end.model.effects} == {"coulomb"}
@@ -270,7 +270,7 @@ def test_of_two_that_are_nothing_beside_each_other_the_smaller_goes(names: tuple
     nothing = dataclasses.replace(both, model=both.model.with_parameters(sizes))
     assert all(is_nothing(nothing, name) for name in names)
     search = Search(rubbing(), SENSOR)
-    search.additions = [Addition(n, (), (), 1e-9, nothing) for n in names]
+    search.additions = [Addition(n, (), (), 1e-9) for n in names]
     end = search._pruned(nothing)
     assert [a.name for a in search.additions] == ["viscous"]
     assert {e.name for e in end.model.effects} == {"viscous"}
@@ -281,7 +281,7 @@ def test_a_refinement_that_stands_alone_yields_to_its_simple_form() -> None:
     refined = extended(base(), [AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.11)])
     search = Search(rubbing(), SENSOR)
     search.last = scores(base(), FRICTIONS)
-    search.additions = [Addition("asymmetric_coulomb", (), (), 1e-9, refined)]
+    search.additions = [Addition("asymmetric_coulomb", (), (), 1e-9)]
     end = search._pruned(refined)
     assert [a.name for a in search.additions] == ["coulomb"]
     assert {e.name for e in end.model.effects} == {"coulomb"}
@@ -296,7 +296,7 @@ def test_a_refinement_whose_own_number_may_be_nothing_is_its_simple_form(monkeyp
     assert not is_nothing(refined, "stribeck"), "its friction is sure"
     search = Compared(rubbing(), SENSOR)
     search.last = scores(base(), FRICTIONS)
-    search.additions = [Addition("stribeck", (), (), 1e-9, refined)]
+    search.additions = [Addition("stribeck", (), (), 1e-9)]
     monkeypatch.setattr(search_module, "gain", lambda *_: 100.0)
     monkeypatch.setattr(search_module, "matters", lambda *_: True)
     monkeypatch.setattr(search, "_predicts", lambda *_: True)
@@ -355,7 +355,7 @@ def test_what_the_free_parameters_absorb_is_no_simple_form_of_anything() -> None
     search = Search(rubbing(), SENSOR)
     search.last = scores(mended(), ("rotor_inertia", "viscous"))
     assert not search.last["rotor_inertia"].visible
-    search.additions = [Addition(n, (), (), 1e-9, springy) for n in ("coulomb", "flexible_transmission")]
+    search.additions = [Addition(n, (), (), 1e-9) for n in ("coulomb", "flexible_transmission")]
     assert "rotor_inertia" not in {e.name for e in search._simplified(springy).model.effects}
 
 
@@ -418,7 +418,7 @@ def test_a_search_that_comes_back_to_effects_that_it_had_ends(monkeypatch: pytes
 
     def swapped(now: Fit, *_: object) -> Fit:
         added.append("viscous" if added[-1:] == ["coulomb"] else "coulomb")
-        search.additions = [Addition(added[-1], (), (), 1e-9, now)]
+        search.additions = [Addition(added[-1], (), (), 1e-9)]
         return now
 
     chosen = Trial(("coulomb",), mended(), 1.0)
@@ -434,7 +434,7 @@ def test_a_search_that_comes_back_to_effects_that_it_had_ends(monkeypatch: pytes
 def test_what_was_added_and_is_nothing_goes_though_it_stands_alone() -> None:
     rippled = sized(mended(), 0.5, 0.5)
     search = Search(rubbing(), SENSOR)
-    search.additions = [Addition("ripple", (), (), 1e-9, rippled)]
+    search.additions = [Addition("ripple", (), (), 1e-9)]
     assert {e.name for e in search._pruned(rippled).model.effects} == {"coulomb"} and not search.additions
 
 
@@ -451,7 +451,7 @@ def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:
     search = Search(
         rubbing(), SENSOR, settings=dataclasses.replace(DEFAULT, price=-1e3, tolerance=0.0, noise_share=0.0)
     )
-    search.additions = [Addition(n, (), (), 1e-9, both) for n in ("coulomb", "ripple")]
+    search.additions = [Addition(n, (), (), 1e-9) for n in ("coulomb", "ripple")]
     search._pruned(both)
     assert [a.name for a in search.additions] == ["coulomb"]
 
