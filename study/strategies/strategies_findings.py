@@ -1,61 +1,18 @@
-"""What the strategies came to: who arrives at the optimum with how many rollouts, and the answers in words."""
+"""What the strategies came to, in words: who arrives at the optimum with how many rollouts."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from study.formatting import number, percent, signed
 from study.strategies.catalogue import strategy_class
-from study.strategies.strategies_plan import StrategiesPlan
-from study.strategies.trial_findings import Outcome, PlannedContrast, TrialFindings, TrialResults, trial_findings
-
-NEAR = 0.05
-"""Within so much of the optimum a strategy has arrived."""
+from study.strategies.trial_findings import NEAR, TrialFindings
 
 FEW = 5
 """Seeds below which a mean says little."""
 
 
-@dataclass(frozen=True, eq=False)
-class StrategiesFindings(TrialFindings):
-    """The experiment's answer."""
-
-    plan: StrategiesPlan
-
-    @property
-    def several(self) -> bool:
-        """Whether there are several budgets, so that strategies have lines over them."""
-        return len({condition.n for condition in self.outcomes} - {0}) > 1
-
-    def line(self, plant: str, sensing: str, strategy: str) -> dict[int, Outcome]:
-        """A strategy's outcomes by budget."""
-        return {c.n: o for c, o in self.outcomes.items() if c[:3] == (plant, sensing, strategy)}
-
-    def arrived(self, plant: str, sensing: str, strategy: str) -> int | None:
-        """The smallest budget from which on it stays within NEAR of the optimum, among those with the most seeds; None
-        where it does not get there."""
-        line, found = self.line(plant, sensing, strategy), None
-        most = max((len(outcome.seeds) for outcome in line.values()), default=0)
-        for n, outcome in sorted(line.items(), reverse=True):
-            if len(outcome.seeds) == most:
-                if outcome.shortfall.mean > NEAR:
-                    break
-                found = n
-        return found
-
-    def contrast(self, plant: str, n: int, a: str) -> PlannedContrast | None:
-        """That of a strategy against its counterpart; None where none was planned."""
-        return next((c for c in self.compared if (c.plant, c.n, c.a) == (plant, n, a)), None)
-
-
-def strategies_findings(plan: StrategiesPlan, results: TrialResults) -> StrategiesFindings:
-    """The answer from the results; raises InvalidInput where some are missing."""
-    return StrategiesFindings(**vars(trial_findings(plan, results)))
-
-
-def strategies_sentences(findings: StrategiesFindings) -> list[tuple[str, str]]:
+def strategies_sentences(findings: TrialFindings) -> list[tuple[str, str]]:
     """Pairs of question and answer."""
     found = [
         ("How many rollouts does it take?", _arrivals(findings)),
@@ -66,7 +23,7 @@ def strategies_sentences(findings: StrategiesFindings) -> list[tuple[str, str]]:
     return found
 
 
-def _arrivals(findings: StrategiesFindings) -> str:
+def _arrivals(findings: TrialFindings) -> str:
     """Who comes within NEAR of the optimum first, on every plant."""
     told = []
     for plant, sensing in findings.plan.places:
@@ -88,7 +45,7 @@ def _arrivals(findings: StrategiesFindings) -> str:
     return " ".join(told) + _caution(findings)
 
 
-def _contrasts(findings: StrategiesFindings) -> str:
+def _contrasts(findings: TrialFindings) -> str:
     compared = findings.compared
     if not compared:
         return "No contrast was planned between these strategies."
@@ -104,7 +61,7 @@ def _contrasts(findings: StrategiesFindings) -> str:
     return text
 
 
-def _curse(findings: StrategiesFindings) -> str:
+def _curse(findings: TrialFindings) -> str:
     """Observed returns of the best candidates against what these return when they are evaluated anew. Candidates are
     compared from rest and evaluated from the task's starts, so the two are no one scale; deployed is held against."""
     told = []
@@ -117,7 +74,7 @@ def _curse(findings: StrategiesFindings) -> str:
     return "; ".join(told) + "." + _caution(findings)
 
 
-def _caution(findings: StrategiesFindings) -> str:
+def _caution(findings: TrialFindings) -> str:
     seeds = len(findings.plan.seeds)
     return f" With {seeds} seed{'s' * (seeds != 1)} these are no findings yet." if seeds < FEW else ""
 

@@ -19,10 +19,10 @@ from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
 from study.formatting import percent
 from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_class
-from study.strategies.strategies_findings import NEAR, StrategiesFindings, strategies_findings, strategies_sentences
+from study.strategies.strategies_findings import strategies_sentences
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
 from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
-from study.strategies.trial_findings import Outcome, TrialResults, trial_account
+from study.strategies.trial_findings import NEAR, Outcome, TrialFindings, TrialResults, trial_account, trial_findings
 
 GROUPS = {
     "nothing": "no rollouts",
@@ -44,12 +44,12 @@ LEAST = 0.01
 """What falls short by less is drawn as if by so much."""
 
 
-def returns_of_strategies(findings: StrategiesFindings) -> Figure:
+def returns_of_strategies(findings: TrialFindings) -> Figure:
     """Lines over the rollouts where there are several budgets, and else mean returns, a row a strategy."""
     return (_lines if findings.several else _rows)(findings)
 
 
-def _lines(findings: StrategiesFindings) -> Figure:
+def _lines(findings: TrialFindings) -> Figure:
     """How far the means fall short of the optimum, all panels to one scale that has the optimum above: a row a group,
     with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
@@ -101,7 +101,7 @@ def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look:
             axes.plot([at, at], np.maximum(LEAST, [fall.low, fall.high]), color=look["color"], linewidth=1.0, alpha=0.6)
 
 
-def _rows(findings: StrategiesFindings) -> Figure:
+def _rows(findings: TrialFindings) -> Figure:
     """With a grey line that continues the point estimate."""
     figure = returns_in_rows(findings, strategy_class, INKS)
     for axes, (plant, sensing) in zip(figure.axes, findings.plan.places, strict=True):
@@ -125,7 +125,7 @@ ROWS_CAPTION = (
 
 def account(plan: StrategiesPlan, results: TrialResults) -> Account:
     """What is told of the results."""
-    found = strategies_findings(plan, results)
+    found = trial_findings(plan, results)
     return trial_account(
         found,
         strategies_sentences(found),

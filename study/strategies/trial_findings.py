@@ -24,6 +24,9 @@ from study.strategies.trial_plan import Case, Condition, TrialPlan
 from sysid import InvalidInput
 from sysid.physics.ops import Array
 
+NEAR = 0.05
+"""Within so much of the optimum a strategy has arrived."""
+
 
 class TrialResults(NamedTuple):
     """What a results folder holds: rounds of the cases, trained agents, and designs."""
@@ -142,6 +145,31 @@ class TrialFindings:
         """Mean return of the near-optimal policy over the plan's seeds."""
         own = [o for c, o in self.outcomes.items() if c.plant == plant]
         return float(np.mean(max(own, key=lambda o: len(o.seeds)).optima))
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several budgets, so that strategies have lines over them."""
+        return len({condition.n for condition in self.outcomes} - {0}) > 1
+
+    def line(self, plant: str, sensing: str, strategy: str) -> dict[int, Outcome]:
+        """A strategy's outcomes by budget."""
+        return {c.n: o for c, o in self.outcomes.items() if c[:3] == (plant, sensing, strategy)}
+
+    def arrived(self, plant: str, sensing: str, strategy: str) -> int | None:
+        """The smallest budget from which on it stays within NEAR of the optimum, among those with the most seeds; None
+        where it does not get there."""
+        line, found = self.line(plant, sensing, strategy), None
+        most = max((len(outcome.seeds) for outcome in line.values()), default=0)
+        for n, outcome in sorted(line.items(), reverse=True):
+            if len(outcome.seeds) == most:
+                if outcome.shortfall.mean > NEAR:
+                    break
+                found = n
+        return found
+
+    def contrast(self, plant: str, n: int, a: str) -> PlannedContrast | None:
+        """That of a strategy against its counterpart; None where none was planned."""
+        return next((c for c in self.compared if (c.plant, c.n, c.a) == (plant, n, a)), None)
 
 
 def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:

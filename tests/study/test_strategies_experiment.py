@@ -21,11 +21,11 @@ from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import STEPS, CaseRound
-from study.strategies.strategies_findings import strategies_findings, strategies_sentences
+from study.strategies.strategies_findings import strategies_sentences
 from study.strategies.strategies_page import LOOKS, returns_of_strategies
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_experiment import trial_results
-from study.strategies.trial_findings import TrialResults
+from study.strategies.trial_findings import TrialResults, trial_findings
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import PLAIN
 from sysid import InvalidInput
@@ -192,7 +192,7 @@ def test_what_is_found_is_what_was_put_in():
     returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
                ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
     plan, results = invented(returns)
-    found = strategies_findings(plan, results)
+    found = trial_findings(plan, results)
     # the budget from which on it stays: five rollouts were luck
     assert found.arrived("plain", "encoder", "point") == 25
     assert found.arrived("plain", "encoder", "cross_entropy") == 25
@@ -209,7 +209,7 @@ def test_what_is_found_is_what_was_put_in():
 def test_the_figure_has_room_for_all_that_is_in_it(tmp_path, worth, budgets):
     """Also where every mean is outside the panel; matplotlib warns where it gives up."""
     returns = {(s, n): worth for s in ("point", "cross_entropy") for n in budgets}
-    found = strategies_findings(*invented(returns, budgets=budgets))
+    found = trial_findings(*invented(returns, budgets=budgets))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert save_figure(lambda: returns_of_strategies(found), tmp_path / "figure.png").stat().st_size > 10_000
@@ -217,7 +217,7 @@ def test_the_figure_has_room_for_all_that_is_in_it(tmp_path, worth, budgets):
 
 def test_with_several_budgets_every_strategy_has_a_line_of_what_it_falls_short_by():
     returns = {("point", 5): -104.5, ("point", 10): -102.0, ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0}
-    figure = returns_of_strategies(strategies_findings(*invented(returns, budgets=(0, 5, 10))))
+    figure = returns_of_strategies(trial_findings(*invented(returns, budgets=(0, 5, 10))))
     panels = [axes for axes in figure.axes if axes.axison]
     assert [axes.get_ylabel().split("\n")[0] for axes in panels] == ["identified", "compared returns"]
     drawn = [{tuple(np.round(line.get_ydata(), 2)) for line in axes.lines} for axes in panels]
@@ -233,7 +233,7 @@ def test_no_two_lines_of_a_group_look_alike():
 
 def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
     returns = {("point", 5): -104.5, ("cross_entropy", 5): -160.0}
-    figure = returns_of_strategies(strategies_findings(*invented(returns, budgets=(5,))))
+    figure = returns_of_strategies(trial_findings(*invented(returns, budgets=(5,))))
     axes = figure.axes[0]
     rows = {label.get_text(): at for at, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)}
     drawn = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) == 1}
@@ -244,4 +244,4 @@ def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
 def test_an_unfinished_experiment_has_no_findings():
     plan, results = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
     with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
-        strategies_findings(plan, results._replace(rounds=results.rounds[1:]))
+        trial_findings(plan, results._replace(rounds=results.rounds[1:]))
