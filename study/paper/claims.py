@@ -220,11 +220,11 @@ def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:
     return f" Of {len(pairs)} published contrasts {same} change neither in sign nor in significance{listed}"
 
 
-def distinct_starts(seeds: Sequence[int] = SEEDS, episodes: int = 20) -> tuple[int, int]:
+def distinct_starts(seeds: Sequence[int] = SEEDS) -> tuple[int, int]:
     """(distinct start states, evaluations) of these seeds."""
     from policies.evaluation import start_states
 
-    drawn = [state for seed in seeds for state in np.stack(start_states(seed, episodes), axis=1).tolist()]
+    drawn = [state for seed in seeds for state in np.stack(start_states(seed), axis=1).tolist()]
     return len(set(map(tuple, drawn))), len(drawn)
 
 
@@ -251,14 +251,14 @@ def undertraining(
     return Claim("undertraining", HOLDS if gain.low > 0.0 else FAILS if gain.significant else OPEN, text)
 
 
-def slope(curves: Sequence[Curve], share: float = 1.0 / 3.0) -> Contrast:
-    """Rise of the training return per 10,000 steps over the last part of training, with its t interval over seeds."""
-    values = [_slope(np.array(curve, dtype=float), share) for curve in curves]
+def slope(curves: Sequence[Curve]) -> Contrast:
+    """Rise of the training return per 10,000 steps over the last third of training, with its t interval over seeds."""
+    values = [_slope(np.array(curve, dtype=float)) for curve in curves]
     return student(float(np.mean(values)), sem(values), len(values))
 
 
-def _slope(curve: NDArray[np.float64], share: float) -> float:
-    steps, returns = curve[curve[:, 0] >= (1.0 - share) * curve[-1, 0]].T
+def _slope(curve: NDArray[np.float64]) -> float:
+    steps, returns = curve[curve[:, 0] >= (1.0 - 1.0 / 3.0) * curve[-1, 0]].T
     if len(steps) < 2:
         return 0.0
     return float(1e4 * np.polyfit(steps - steps.mean(), returns, 1)[0])

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from study.paper.presets import PAPER
 from study.paper.protocol import BOUNDS, ROLLOUT_LENGTH, paper_model
 from sysid import GridSearch, simulate
 from sysid.physics.ops import Array
@@ -138,10 +139,9 @@ def scatter(
     seeds: int = 200,
     budgets: Sequence[int] = (1, 2, 5, 10, 25, 50, 100, 200, 400),
     sigmas: Sequence[float] = (0.5, 1.0, 2.0),
-    truth: tuple[float, float] = (2.0, 1.5),
 ) -> Scatter:
-    """Search on `seeds` independent measurements; budgets and noise levels of a seed share its rollouts."""
-    grid, ends = OneStepGrid(), [n * ROLLOUT_LENGTH for n in budgets]
+    """Search on `seeds` measurements of the paper's plant; budgets and noise levels of a seed share its rollouts."""
+    grid, truth, ends = OneStepGrid(), PAPER.points[0].truth, [n * ROLLOUT_LENGTH for n in budgets]
     found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):
         moved, noise = noise_free_rollouts(truth, max(budgets), child)

@@ -252,8 +252,8 @@ class Levels:
 class AdaptationPolicy:
     """What each step is worth, from statistics of episodes (N, F) and the place x (N, P) of their policy."""
 
-    def __init__(self, levels: Levels, simulated: int, width: int = 64, epochs: int = 400) -> None:
-        self.levels, self.simulated, self.network = levels, simulated, EpisodeNetwork(width, epochs)
+    def __init__(self, levels: Levels, simulated: int) -> None:
+        self.levels, self.simulated, self.network = levels, simulated, EpisodeNetwork(width=64, epochs=400)
 
     def fit(self, seen: Array, x: Array, worth: Array, rng: np.random.Generator) -> None:
         """Regression; what is learned of worth (N, A) is how far a step is from the others, not how well all do."""

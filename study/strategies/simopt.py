@@ -107,8 +107,8 @@ def reps_weights(returns: Array, kl: float) -> Array:
     return weights / np.sum(weights)
 
 
-def weighted_normal(samples: Array, weights: Array, least: float = 1e-3) -> tuple[Array, Array]:
-    """Mean (P,) and covariance (P, P) of weighted samples; least: a sd below which none falls."""
+def weighted_normal(samples: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean (P,) and covariance (P, P) of weighted samples; no sd falls below 1e-3."""
     mean = weights @ samples
     off = samples - mean
-    return mean, (off * weights[:, None]).T @ off + least**2 * np.eye(samples.shape[1])
+    return mean, (off * weights[:, None]).T @ off + 1e-3**2 * np.eye(samples.shape[1])

@@ -157,13 +157,11 @@ class NetworkFit:
     """A model with a command filter and a learned torque, or the one that came where neither helped.
 
     before, after   error on the held-out rollouts, in units of the sensor's noise, before these were learned from, too
-    decay           that was chosen; None where the model is the one that came
     """
 
     model: Model
     before: float
     after: float
-    decay: float | None
 
 
 def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.random.Generator) -> NetworkFit:
@@ -186,9 +184,9 @@ def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np
         elif failed == FAILED_DECAYS:
             break
     if not chosen:
-        return NetworkFit(model, before, before, None)
+        return NetworkFit(model, before, before)
     *_, p = _path(weights, records, sensor, DECAYS[:chosen])
-    return NetworkFit(weights.model(p), before, least, DECAYS[chosen - 1])
+    return NetworkFit(weights.model(p), before, least)
 
 
 @dataclass(frozen=True, eq=False)
