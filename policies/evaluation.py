@@ -70,10 +70,7 @@ class Evaluation:
 def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
     """The paper's start states theta (E,) [rad], theta_dot (E,) [rad/s] of a seed: what
     `gymnasium.make("Pendulum-v1").reset(seed=seed + 50_000 + e)` draws for episode e."""
-    draws = [
-        task.start_state(np.random.Generator(np.random.PCG64(seed + EVALUATION_SEED + e))) for e in range(episodes)
-    ]
-    return _columns(draws)
+    return _drawn([np.random.Generator(np.random.PCG64(seed + EVALUATION_SEED + e)) for e in range(episodes)])
 
 
 def fresh_start_states(seed: int, episodes: int = 20, block: int = 0) -> tuple[Array, Array]:
@@ -82,12 +79,11 @@ def fresh_start_states(seed: int, episodes: int = 20, block: int = 0) -> tuple[A
     The paper's episode e of seed s starts where episode e - 1 of seed s + 1 does: neighbouring seeds share 19 of 20.
     These come from a generator of the seed's own, in the same distribution.
     """
-    rng = generator(seed, Purpose.EVALUATION, block)
-    return _columns([task.start_state(rng) for _ in range(episodes)])
+    return _drawn([generator(seed, Purpose.EVALUATION, block)] * episodes)
 
 
-def _columns(states: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
-    theta, theta_dot = np.array(states).reshape(-1, 2).T
+def _drawn(rngs: Sequence[np.random.Generator]) -> tuple[Array, Array]:
+    theta, theta_dot = task.start_states(rngs)
     return theta.copy(), theta_dot.copy()
 
 

@@ -11,15 +11,16 @@ formulas go through sysid.ops: one definition serves NumPy (evaluation, dynamic 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sysid import InvalidInput
 from sysid.physics import ops
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from sysid import Reading, State
 
 DURATION = 10.0
@@ -71,3 +72,9 @@ def start_state(rng: np.random.Generator) -> tuple[float, float]:
     """Draw theta ~ U(-pi, pi) [rad] and theta_dot ~ U(-1, 1) [rad/s]: the numbers that Gymnasium's Pendulum draws."""
     theta, theta_dot = (rng.uniform(-high, high) for high in START_HIGH)
     return theta, theta_dot
+
+
+def start_states(rngs: Iterable[np.random.Generator]) -> Array:
+    """Draw a start state from each generator in turn: theta and theta_dot, the rows of (2, E). [rng] * E draws all of
+    them from one."""
+    return np.array([start_state(rng) for rng in rngs]).reshape(-1, 2).T

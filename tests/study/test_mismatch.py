@@ -91,7 +91,7 @@ STICKING = [plant for plant in ALL_PLANTS if ground_truth(plant).dry_frictions]
 def test_a_plant_that_sticks_moves_as_in_finer_steps(plant):
     """Under random torques, far below what any sensor reads."""
     rng = np.random.default_rng(0)
-    u, starts = rng.uniform(-2.0, 2.0, (20, 200)), np.array([task.start_state(rng) for _ in range(20)]).T
+    u, starts = rng.uniform(-2.0, 2.0, (20, 200)), task.start_states([rng] * 20)
     own, finer = (simulate(hidden_machine(plant.hidden_effect, n), u, *starts) for n in (SUBSTEPS, 4 * SUBSTEPS))
     np.testing.assert_allclose(own.theta, finer.theta, atol=1e-5)
     np.testing.assert_allclose(own.theta_dot, finer.theta_dot, atol=1e-4)

@@ -209,7 +209,7 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
     rng, lost = np.random.default_rng(2), []
     for truth in ((1.5, 1.2), (2.0, 1.5), (2.5, 2.2), (1.2, 2.0)):
         target = paper_model(*truth)
-        starts = np.array([task.start_state(rng) for _ in range(20)]).T
+        starts = task.start_states([rng] * 20)
 
         def returned(values, target=target, starts=starts):
             return evaluate(solve(paper_model(*values), TABLE), target, *starts).mean
