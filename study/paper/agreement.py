@@ -122,12 +122,6 @@ class Agreement:
     theirs: Outcomes | None = None
     preset: Preset = PAPER
 
-    @property
-    def sweeps(self) -> tuple[dict[Spot, CellSummary], dict[Spot, CellSummary]]:
-        """Every cell there and every cell here."""
-        published = {spot: cell.summary for spot, cell in CELLS.items()}
-        return published, {spot: self.ours.summary(spot) for spot in self.ours.table}
-
     @cached_property
     def cells(self) -> list[CellAgreement]:
         """Every published cell that was run here."""

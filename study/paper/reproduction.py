@@ -148,7 +148,8 @@ def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Out
 
 def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Callable[[], Figure]]:
     """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
-    theirs, ours = ({spot[1:]: c for spot, c in own.items() if spot.point == "main"} for own in agreement.sweeps)
+    theirs = {spot[1:]: cell.summary for spot, cell in CELLS.items() if spot.point == "main"}
+    ours = {spot[1:]: agreement.ours.summary(spot) for spot in agreement.ours.table if spot.point == "main"}
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
         references = main.allowed(main.preset.reference_seeds)
