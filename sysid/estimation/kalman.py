@@ -7,7 +7,6 @@ banded triangular system, which LAPACK solves.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -127,48 +126,48 @@ def _diagonal(N: int) -> list[int]:
 
 @cache
 def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
-    """(predicted P and m, columns, scale) -> the same after each instant; gains, variances and errors of its readings.
+    """(lower triangle of the predicted P, and m; columns; scale) -> the same after each instant; gains, variances and
+    errors of its readings.
 
-    It is written out for the lower triangle of P, and without what is known to be zero: whether each channel shows its
-    own state alone, whether it was read at all, and whether there is an o.
+        S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
+
+    What is known to be zero is no part of the graph: whether each channel shows its own state alone, whether it was
+    read at all, and whether there is an o.
     """
-    L, n = _packed(N), N - 2
-    width, driving = n * (n + 1) + n + 8, _driving(N)
-    state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 4)
-    A, gap, rest = column[: n * (n + 1)], column[n * (n + 1) : n * (n + 2)], column[n * (n + 2) :]
+    n = N - 2
+    width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
+    state, scale = casadi.SX.sym("state", _packed(N) + N), casadi.SX.sym("scale", N + 4)
+    column = casadi.SX.sym("column", width)
+    A, gap, rest = casadi.reshape(column[: n * (n + 1)], n + 1, n).T, column[n * (n + 1) : n * (n + 2)], column[-8:]
     H, r, weight, ends = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
-    lower = [(i, j) for j in range(N) for i in range(j, N)]
-    P, m = dict(zip(lower, casadi.vertsplit(state[:L]), strict=True)), casadi.vertsplit(state[L:])
+    P, m = casadi.tril2symm(casadi.SX(lower, state[: _packed(N)])), state[_packed(N) :]
     if not coloured:
-        P |= {place: casadi.SX(0) for place in lower if 3 in place}
-        m[3] = casadi.SX(0)
-    own: list[casadi.SX] = []
+        P[3, :], P[:, 3], m[3] = 0, 0, 0
+        P = casadi.sparsify(P)
+    gains, variances, errors = list[casadi.SX](), list[casadi.SX](), list[casadi.SX]()
     for i, read in enumerate((theta, theta_dot)):
-        if not read:
-            own.append(casadi.vertcat(*[0] * N, 1, 0))
-            continue
-        h = {j: H[i, j] for j in range(2) if i == j or not own_state}
-        if i == 0 and coloured:
-            h[3] = weight
-        Ph = _times(P, h, N)
-        S, e = 1.0 + _dot(h, Ph), r[i] - _dot(h, m)
-        share = 1.0 / S
-        K = [value * share for value in Ph]
-        m = [value + gain * e for value, gain in zip(m, K, strict=True)]
-        P = {(k, j): value - K[k] * Ph[j] for (k, j), value in P.items()}
-        own.append(casadi.vertcat(*K, S, e))
-    F = {row: {row: scale[row - 2] * (1.0 - ends)} for row in (2, 3)}
-    for i, row in enumerate(_moving(N)):
-        F[row] = dict(zip(driving, casadi.vertsplit(A[i * (n + 1) : (i + 1) * (n + 1)]), strict=True))
-    PF = {row: _times(P, F[row], N) for row in F}
-    after = [_dot(F[i], PF[j]) if len(F[i]) < len(F[j]) else _dot(F[j], PF[i]) for i, j in lower]
-    for row, at in enumerate(_diagonal(N)):
-        after[at] += ends * scale[4 + row] + (scale[row] if row in (2, 3) else 0.0)
-    moved = {row: gap[i] for i, row in enumerate(_moving(N))}
-    after += [_dot(F[row], m) + moved.get(row, 0.0) for row in range(N)]
-    K_1, K_2 = own
-    said = casadi.vertcat(K_1[:N], K_2[:N], K_1[N], K_2[N], K_1[N + 1], K_2[N + 1])
-    step = casadi.Function("step", [state, column, scale], [casadi.vertcat(*after), said], {"cse": True})
+        h, K, S, e = casadi.SX(1, N), casadi.SX.zeros(N), casadi.SX(1), casadi.SX(0)
+        if read:
+            for j in range(2):
+                if i == j or not own_state:
+                    h[j] = H[i, j]
+            if i == 0 and coloured:
+                h[3] = weight
+            Ph = P @ h.T
+            S, e = 1.0 + h @ Ph, r[i] - h @ m
+            K = Ph * (1.0 / S)
+            m, P = m + K * e, casadi.tril2symm(casadi.tril(P - K @ Ph.T))
+        gains, variances, errors = [*gains, K], [*variances, S], [*errors, e]
+    F, g = casadi.SX(N, N), casadi.SX(N, 1)
+    F[_moving(N), _driving(N)], g[_moving(N)] = A, gap
+    for row in (2, 3):
+        F[row, row] = scale[row - 2] * (1.0 - ends)
+    m, P = F @ m + g, F @ P @ F.T + casadi.diag(ends * scale[4:])
+    for row in (2, 3):
+        P[row, row] += scale[row]
+    after = casadi.vertcat(casadi.project(P, lower).nz[:], casadi.densify(m))
+    said = casadi.densify(casadi.vertcat(*gains, *variances, *errors))
+    step = casadi.Function("step", [state, column, scale], [after, said], {"cse": True})
     # several instants in one graph: a call a step would cost as much as the step
     several, states, owns = casadi.SX.sym("several", width, UNROLLED), [state], list[casadi.SX]()
     for k in range(UNROLLED):
@@ -179,19 +178,13 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
         "ends", [state, several, scale], [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], {"cse": True}
     )
     count = BLOCK // UNROLLED
-    inputs = [casadi.MX.sym("state", L + N), casadi.MX.sym("block", width, BLOCK), casadi.MX.sym("scale", N + 4)]
+    inputs = [
+        casadi.MX.sym("state", _packed(N) + N),
+        casadi.MX.sym("block", width, BLOCK),
+        casadi.MX.sym("scale", N + 4),
+    ]
     _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
-
-
-def _dot(row: Mapping[int, casadi.SX], values: Sequence[casadi.SX]) -> casadi.SX:
-    """The product of a row, which has the numbers that are not zero by their places, with a column of N."""
-    return sum((own * values[j] for j, own in row.items()), casadi.SX(0))
-
-
-def _times(P: Mapping[tuple[int, int], casadi.SX], row: Mapping[int, casadi.SX], N: int) -> list[casadi.SX]:
-    """The N numbers of P row', of P the lower triangle."""
-    return [_dot(row, [P[max(j, k), min(j, k)] for j in range(N)]) for k in range(N)]
 
 
 def _view(values: Array) -> Any:
