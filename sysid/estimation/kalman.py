@@ -124,9 +124,8 @@ def _diagonal(N: int) -> list[int]:
     return [_packed(N) - _packed(N - j) for j in range(N)]
 
 
-@cache
-def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
-    """(lower triangle of the predicted P, and m; columns; scale) -> the same after each instant; gains, variances and
+def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+    """(lower triangle of the predicted P, and m; columns; scale) -> the same after an instant; gains, variances and
     errors of its readings.
 
         S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
@@ -167,24 +166,25 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
         P[row, row] += scale[row]
     after = casadi.vertcat(casadi.project(P, lower).nz[:], casadi.densify(m))
     said = casadi.densify(casadi.vertcat(*gains, *variances, *errors))
-    step = casadi.Function("step", [state, column, scale], [after, said], {"cse": True})
-    # several instants in one graph: a call a step would cost as much as the step
-    several, states, owns = casadi.SX.sym("several", width, UNROLLED), [state], list[casadi.SX]()
+    return casadi.Function("instant", [state, column, scale], [after, said], {"cse": True})
+
+
+@cache
+def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+    """`_instant` over a BLOCK of columns: what it gives after each of them. Several stand in one graph, since a call
+    for each would cost as much as what it computes."""
+    instant = _instant(N, own_state, theta, theta_dot, coloured)
+    (V, W), scale = (instant.size1_in(0), instant.size1_in(1)), casadi.SX.sym("scale", N + 4)
+    several, states, owns = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
     for k in range(UNROLLED):
-        after, said = step(states[-1], several[:, k], scale)
+        after, said = instant(states[-1], several[:, k], scale)
         states.append(after)
         owns.append(said)
-    ends = casadi.Function(
-        "ends", [state, several, scale], [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], {"cse": True}
-    )
-    count = BLOCK // UNROLLED
-    inputs = [
-        casadi.MX.sym("state", _packed(N) + N),
-        casadi.MX.sym("block", width, BLOCK),
-        casadi.MX.sym("scale", N + 4),
-    ]
-    _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
-    return casadi.Function("steps", inputs, [states, owns])
+    ends, given = [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], [states[0], several, scale]
+    unrolled, count = casadi.Function("unrolled", given, ends, {"cse": True}), BLOCK // UNROLLED
+    inputs = [casadi.MX.sym("state", V), casadi.MX.sym("block", W, BLOCK), casadi.MX.sym("scale", N + 4)]
+    _, after, said = unrolled.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
+    return casadi.Function("steps", inputs, [after, said])
 
 
 def _view(values: Array) -> Any:
