@@ -92,7 +92,7 @@ def fit_parameters(
     extent = shown_extent(samples, model)
     prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
     limits = _Limits.of(samples, model, names, prior, settings, extent)
-    before, began, converged, restless, calm, still = math.inf, math.inf, False, settings.sizes, 0, 0
+    progress, converged, restless = _Progress(settings), False, settings.sizes
     best: Fit | None = None
     share, last = 1.0, np.zeros(len(names))
     for k in range(settings.iterations):
@@ -111,19 +111,10 @@ def fit_parameters(
         step = _step(here, Z, prior, now, limits)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         step = limits.shortened(step, now, settings.stride)
-        still = still + 1 if moved < settings.settled and not restless else 0
-        if still >= STILL or (k >= 2 and still and abs(here.deviance - before) < settings.negligible):
-            converged = True
+        converged = progress.ended(k, moved, here.deviance, restless)
+        if converged:
             break
-        before = here.deviance
-        if moved < settings.wanders and abs(before - began) < 1.0:
-            calm += 1
-            if calm >= CALM:
-                converged = True
-                break
-        else:
-            calm, began = 0, before
-        if best is None or before < best.filter.deviance:
+        if best is None or here.deviance < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
@@ -136,6 +127,31 @@ def fit_parameters(
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
     return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
+
+
+@dataclass
+class _Progress:
+    """How a fit comes on: steps in a row in which no number moved, and in which nothing was gained."""
+
+    settings: Settings
+    before: float = math.inf
+    began: float = math.inf
+    still: int = 0
+    calm: int = 0
+
+    def ended(self, k: int, moved: float, deviance: float, restless: bool) -> bool:
+        """Whether it ends with step k, which moves the motion so far from where the deviance is that; restless: the
+        sizes of the disturbances are on their way still."""
+        settings = self.settings
+        self.still = self.still + 1 if moved < settings.settled and not restless else 0
+        if self.still >= STILL or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):
+            return True
+        self.before = deviance
+        if moved < settings.wanders and abs(deviance - self.began) < 1.0:
+            self.calm += 1
+        else:
+            self.calm, self.began = 0, deviance
+        return self.calm >= CALM
 
 
 @dataclass(frozen=True, eq=False)
