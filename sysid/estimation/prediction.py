@@ -23,6 +23,9 @@ SHORTEST = 0.3
 PERIODS = 5
 """Periods of a free swing over which predictions are judged, and that a record shows at least."""
 
+SURELY = 2.0
+"""Standard errors from which windows in the mean are predicted better for sure."""
+
 RUNS_AWAY = 1e3
 """Multiple of another model's squared error in a window from which a model has lost its way there."""
 
@@ -45,18 +48,19 @@ class PredictionErrors:
     def gain(self, other: PredictionErrors) -> tuple[float, float]:
         """Mean of log(other's square / own) over the windows, and its standard error: no window outweighs all others.
 
-        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger,
-        but for the worst window, unless the model runs away there.
+        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger:
+        but for the worst window, where the mean is surely positive and the model does not run away there.
         """
         noise = np.maximum(self.free, 1.0)
         apart = np.log((other.squares + noise) / (self.squares + noise))
         mean = float(np.mean(apart))
+        sd = float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
         worst = int(np.argmax(self.squares - other.squares))
-        spared = len(apart) > 2 and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
+        spared = mean > SURELY * sd and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
         own, others = (float(np.sum(np.delete(e.squares, worst) if spared else e.squares)) for e in (self, other))
         if own > others:
             mean = min(mean, -abs(math.log(own / max(others, 1e-300))))
-        return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
+        return mean, sd
 
 
 def telling_horizon(records: Sequence[Record]) -> float:
