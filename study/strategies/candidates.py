@@ -60,7 +60,7 @@ def _largest(acquisition: str, x: Array, y: Array, seed: int, **own: float) -> A
     from botorch.optim import optimize_acqf
     from gpytorch.mlls import ExactMarginalLogLikelihood
 
-    points, values = (torch.as_tensor(own, dtype=torch.float64) for own in (x, y[:, None]))
+    points, values = (torch.as_tensor(given, dtype=torch.float64) for given in (x, y[:, None]))
     cube = torch.tensor([[0.0], [1.0]], dtype=torch.float64).expand(2, x.shape[1])
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
