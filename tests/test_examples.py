@@ -213,6 +213,7 @@ def test_hidden_effect_refuses_wrong_input(arguments, message):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_sim_to_real(monkeypatch, capsys):
     """A short log and a coarse table: what a machine in another simulator lacks is named, and what the policy of the
     mended model promises is measured there; that of the fitted model promises as much, and falls short."""

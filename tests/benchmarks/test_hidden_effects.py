@@ -83,6 +83,7 @@ def test_what_mass_and_length_absorb_leaves_no_evidence(effect):
     assert decidability.decide(hidden(effect), effect).evidence < 1.0
 
 
+@pytest.mark.long
 def test_the_baseline_names_what_a_careful_engineer_names():
     effects = ("viscous", "coulomb", "torque_bias", "ripple", "lag", "saturation")
     worlds = [hidden(effect) for effect in effects]

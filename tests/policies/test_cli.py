@@ -66,6 +66,7 @@ def run(capsys):
     return runs
 
 
+@pytest.mark.long
 def test_the_whole_way(models, tmp_path, run, monkeypatch):
     monkeypatch.setattr(references, "COARSE", Grid(60, 61, 5, memory=3))
     folder, answer = tmp_path / "policy", tmp_path / "answer.json"

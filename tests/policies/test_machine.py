@@ -104,6 +104,7 @@ def test_commands_of_the_future_are_refused_by_name():
         machine_of(Model(RodPendulum(), (Foresight(),)), 1.0)
 
 
+@pytest.mark.long
 def test_every_effect_of_the_catalogue_is_carried():
     for name in CATALOGUE:
         check_machine(machine_of(Model(RodPendulum(2.0, 1.5), (effect(name),), dt=0.05), 2.0), Fixed())

@@ -52,6 +52,7 @@ def talk(name, budget, found, sensing="encoder", seed=3, steps=60):
     return advance(kind(**LIGHT.get(name, {})), own, plant, found, "elsewhere")
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from([*PLACES, OWN]), st.integers(0, 7))
 def test_no_strategy_exceeds_its_budget_and_every_one_says_which_it_can_use(name, budget):

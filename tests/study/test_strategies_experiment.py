@@ -75,6 +75,7 @@ def undisturbed(tmp_path_factory):
     return folder, attempt(folder, executor), executor.tasks
 
 
+@pytest.mark.long
 def test_an_experiment_ends_with_answers_tables_figure_and_page(undisturbed):
     folder, said, tasks = undisturbed
     assert "How many rollouts does it take?" in said and "What is the best return worth that was seen?" in said
@@ -97,6 +98,7 @@ def test_simulated_steps_are_counted_and_real_ones_are_not(undisturbed):
     assert by["cross_entropy", "5"] == 6 * TINY.steps
 
 
+@pytest.mark.long
 def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_path):
     for last in (1, 3):
         with pytest.raises(KeyboardInterrupt):
@@ -107,6 +109,7 @@ def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_pa
     assert len(rest.tasks) == len(undisturbed[2]) - 1 - 3
 
 
+@pytest.mark.long
 def test_finished_cases_of_other_folders_are_taken_up_and_the_rest_is_run(undisturbed, tmp_path):
     folder, _, tasks = undisturbed
     part, alone = TINY.with_strategies(["prior", "point", "cross_entropy"]), Inline()

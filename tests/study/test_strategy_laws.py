@@ -143,6 +143,7 @@ def test_a_mixture_density_network_learns_a_posterior_that_is_known():
         assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.3
 
 
+@pytest.mark.long
 def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
     widths = []
     for n in (1, 25):
@@ -203,6 +204,7 @@ def test_the_steps_that_adaptation_is_taught_lead_to_the_target_from_everywhere(
         assert unit == pytest.approx(np.broadcast_to(grid.unit[target], unit.shape))
 
 
+@pytest.mark.long
 def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen():
     own, strategy = situation(), AdaptSim(levels=5, episodes=4)
     adaptation = strategy.taught(own, whole=True)

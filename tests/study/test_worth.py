@@ -73,6 +73,7 @@ def test_a_quadratic_cost_is_worth_what_its_trace_says() -> None:
     assert last.gain.value == pytest.approx(found.perfect.value, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_rollout_is_worth_measuring_below_its_break_even_price_and_not_above() -> None:
     def at(price: float | None) -> Worth:
         return worth_of_rollouts(estimate(), 1, Quadratic(COST), price=price, draws=500)
@@ -171,6 +172,7 @@ def test_what_will_be_believed_covers_the_truth() -> None:
     assert np.mean(distances) == pytest.approx(2.0, abs=4.0 * 2.0 / math.sqrt(2000))
 
 
+@pytest.mark.long
 def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> None:
     truth = paper_model(2.0, 1.5)
     rollouts = paper_rollouts(truth, 5, np.random.default_rng(0))
@@ -222,6 +224,7 @@ def test_numbers_that_make_no_sense_are_refused(numbers: dict, sentence: str) ->
     assert str(refusal.value).startswith(sentence)
 
 
+@pytest.mark.long
 def test_the_command_tells_what_to_do_and_writes_it(tmp_path, capsys) -> None:
     log = files(tmp_path, Sensor(theta=0.05, theta_dot=2.0))
     outputs = {name: tmp_path / name for name in ("w.json", "next.csv", "w.png")}

@@ -219,6 +219,7 @@ def test_a_speed_that_reads_too_much_does_not_turn_a_pendulum_round():
     assert not _turns_round(sysid.Record(t, np.zeros(10_000), np.zeros(1), np.full(10_001, 6.0))), "it began somewhere"
 
 
+@pytest.mark.long
 def test_a_known_loop_is_integrated_in_steps_that_are_stable(tmp_path):
     """Damped by 440 in a second, and logged every 20 ms: a step of RK4 would be unstable beyond 6 ms."""
     servo = sysid.PositionServo(k_p=16.0, k_d=1.6)

@@ -172,6 +172,7 @@ def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
     assert found.ranking[0].error_after == pytest.approx(found.steps[0].error_after, rel=0.02)
 
 
+@pytest.mark.long
 def test_what_is_ruled_out_would_have_been_found() -> None:
     """At 1.3 times that size, in two of three other logs of the kind at least: added, or said to be there."""
     ruled = of("nothing").ruled_out

@@ -56,6 +56,7 @@ def test_the_mean_speed_of_a_steady_turn_is_its_speed_also_at_the_ends():
     np.testing.assert_allclose(speed_about(theta, DT), 7.0)
 
 
+@pytest.mark.long
 def test_numbers_are_recovered_within_their_errors():
     misses = []
     model = Model(FAST, (Viscous(b=0.004),), RK4(substeps=4), dt=DT)

@@ -60,6 +60,7 @@ def test_a_cubic_spring_swings_as_duffings_oscillator():
         np.testing.assert_allclose(run.theta - rest, a * cn, atol=1e-7)
 
 
+@pytest.mark.long
 def test_an_oscillator_far_from_any_starting_value_is_found_with_its_springs():
     """A circuit that stands for Duffing's oscillator, in volts: m is 2e5 times smaller than where the fit begins."""
     rng, dt = np.random.default_rng(1), 1e-3

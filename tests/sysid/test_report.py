@@ -206,6 +206,7 @@ def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp
     assert "θ grows this way" in text(page)
 
 
+@pytest.mark.long
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
     name = r'<script>alert("1")</script> $\frac$ & a very long name of a rollout that fills no panel'
     records = [replace(r, name=f"{name} {i}") for i, r in enumerate(logs(STICKY, n=4, seconds=2.0))]
@@ -231,6 +232,7 @@ def test_one_long_log_is_cut_as_it_was_diagnosed(tmp_path):
     assert page_of(answer).settings["held out"].startswith("rollout 0, held-out part 2")
 
 
+@pytest.mark.long
 def test_what_a_hand_touched_is_shown(tmp_path):
     rng = np.random.default_rng(1)
     u = np.array([steps(rng, 300, 0.02, 1.5, 0.3) for _ in range(4)])

@@ -74,6 +74,7 @@ def test_it_finds_the_corners_of_the_bounds(truth):
     assert estimate.success and distance(estimate, truth) < 13.8  # chi2(2), 0.999
 
 
+@pytest.mark.long
 def test_any_parameters_input_effects_included():
     model = Model(RodPendulum(), (Viscous(), Coulomb(), Delay(), Lag(T=0.05)), dt=0.05)
     truth = {"m": 2.0, "l": 1.5, "viscous.b": 0.2, "coulomb.tau_c": 0.1, "delay.T": 0.083, "lag.T": 0.1}
@@ -139,6 +140,7 @@ def test_an_exact_sensor_keeps_the_covariance_positive():
     assert estimate.values == pytest.approx(TRUTH, rel=1e-5)
 
 
+@pytest.mark.long
 def test_a_model_that_lacks_friction_is_doubted():
     lossy = replace(paper_model(**TRUTH), effects=(Viscous(b=0.3),))
     estimate = UnscentedKalman().fit(paper_model(), measured(lossy, ENCODER, 2, 6))
