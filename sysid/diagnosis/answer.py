@@ -375,8 +375,10 @@ class Diagnosis:
         plant = self.model.plant
         torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
         (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0
+        dry = "dry or viscous friction" if friction.one_speed else "dry friction"
+        dry += ", or a constant load, of" if friction.one_way else " of"
         terms = (
-            ("dry friction of", *friction.coulomb, torque),
+            (dry, *friction.coulomb, torque),
             ("friction that falls with speed by" if falls else "viscous friction of", abs(b), b_sd, slope),
             ("a constant load of", *friction.load, torque),
         )

@@ -149,8 +149,8 @@ class Confirmation:
 
     def _drop_needless(self) -> None:
         """Drop, one after the other, each addition that raises the error on the held-out data, that beside others does
-        not lower it by what matters, that is nothing any more, or whose size the readings do not determine; what is
-        left has numbers that a machine may have, and errs no more than the model as it came."""
+        not lower it by what matters, that is nothing any more, whose size the readings do not determine, or whose
+        numbers no machine has; what is left errs no more than the model as it came."""
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
@@ -162,7 +162,7 @@ class Confirmation:
                 rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
                 nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
                 nothing.sort(key=lambda a: squared_size(end, a.name))
-                nothing += [a for a in rarest if is_undetermined(end, a.name)]
+                nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
                 if not nothing:
                     break
                 own = [a for a in self.additions if a is not nothing[0]]

@@ -19,7 +19,8 @@ def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
     sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
     at_angle = found.model.actuator is not None and found.model.actuator.at_angle  # whose drive follows speeds itself
     drive = math.inf if at_angle else float(np.max(np.abs(found.linearised.drive_torques), initial=0.0))
-    return all(e.plausible and e.resolved(sd, reach, drive) for e in found.model.effects if e.name in effects)
+    told = found.linearised.told
+    return all(e.plausible and e.resolved(sd, reach, drive, told) for e in found.model.effects if e.name in effects)
 
 
 def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:

@@ -17,6 +17,7 @@ from sysid.data.rests import readings_at_rest_merged
 from sysid.data.sensor import Readings, Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
+from sysid.estimation.torque_regression import slow_speed
 from sysid.estimation.windows import UNKNOWN
 from sysid.physics.effects import DynamicEffect, Effect, InputEffect, JointEffect
 from sysid.physics.effects.effect import Joint, Stretch
@@ -31,10 +32,10 @@ SMOOTHED_SHARE = 0.2
 class Samples:
     """The M instants of records, one record after the other.
 
-    t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
-    1 / sd, 0 where nothing was read, those at rest merged (`sysid.data.rests`); number (M,) of the record; follows
-    (M,): whether the next instant belongs to the same record. The last instant of a record has no interval after it:
-    whatever is said about that is idle.
+    t, time_since_start (M,) [s]: of the log and since the rollout began; commands (M,); y and weight (M, 2): readings
+    of theta and theta_dot and 1 / sd, 0 where nothing was read, those at rest merged (`sysid.data.rests`); number (M,)
+    of the record; follows (M,): whether the next instant belongs to the same record. The last instant of a record has
+    no interval after it: whatever is said about that is idle.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
@@ -49,7 +50,7 @@ class Samples:
             np.array([float(begin[0]) for begin in begins])[self.number] + self.dt * inside
             for begins in ([r.t for r in self.records], [r.time_since_start for r in self.records])
         )
-        self._commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
+        self.commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
         read = readings_at_rest_merged(self.records, sensor)
         for record, readings, begin in zip(self.records, read, self.first.tolist(), strict=False):
@@ -100,7 +101,7 @@ class Samples:
     def drives(self, model: Model) -> Array:
         """Drive torques (M, S) [N m] of the intervals after the instants."""
         if not model.input_effects:
-            return np.repeat(self._commands[:, None], model.integrator.substeps, axis=1)
+            return np.repeat(self.commands[:, None], model.integrator.substeps, axis=1)
         drives = np.zeros((len(self), model.integrator.substeps))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
             own = model.drive_record(np.concatenate([record.previous_commands, record.u]))
@@ -311,6 +312,15 @@ class LinearisedModel:
         theta, theta_dot = self.middle.T[:, :, None]
         torques: Array = np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
         return torques
+
+    @cached_property
+    def told(self) -> Joint:
+        """The joint in the middle of those intervals (K, S) over which it moves and its drive is told something."""
+        theta, theta_dot = self.middle.T
+        moves = np.abs(theta_dot) > slow_speed([theta_dot])
+        at = moves & self.samples.follows & (self.samples.commands != 0.0)
+        clock, states = self.samples.time_since_start, (theta[at, None], theta_dot[at, None])
+        return self.model.joint(*states, clock[at, None], self.drives[at])
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:

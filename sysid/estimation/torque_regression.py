@@ -101,15 +101,17 @@ class Regression(NamedTuple):
 def regression(columns: Array, target: Array) -> Regression:
     """Least squares of columns (N, P) on a target (N,); 0 +- 0 of what does not show."""
     size = np.linalg.norm(columns, axis=0)
-    size[size == 0.0] = 1.0
+    shown = size > 0.0
+    size[~shown] = 1.0
     S = columns / size
     fit, _, rank, _ = np.linalg.lstsq(S, target, rcond=1e-6)
+    fit = np.where(shown, fit, 0.0)
     left = target - S @ fit
     variance = float(np.sum(left**2)) / max(len(target) - int(rank), 1)
     sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
     total = float(np.sum((target - np.mean(target)) ** 2)) if len(target) else 0.0
     share = 1.0 - float(np.sum(left**2)) / total if total > 0.0 else 0.0
-    return Regression((fit / size).tolist(), (sd / size).tolist(), share)
+    return Regression((fit / size).tolist(), np.where(shown, sd / size, 0.0).tolist(), share)
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,8 @@ class FrictionAlong:
 
     Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque:
     friction shows, and an inertia that takes little of the torque does not. Beside a gravity that is not known, or on
-    a linear axis, which may hang on a spring, the load is that in the middle of the motion.
+    a linear axis, which may hang on a spring, the load is that in the middle of the motion. A motion in one direction
+    cannot tell the load from dry friction: tau_c is both, beside gravity.
 
     Attributes
     ----------
@@ -129,6 +132,8 @@ class FrictionAlong:
     share : float
         The share of the torque that all terms together explain, of data that the regression has not seen: of its
         squares about the constant torque that explains most of what was seen.
+    one_way, one_speed : bool
+        Whether the joint moves in one direction only, and at nearly one speed: then tau_c is viscous friction, too.
     """
 
     viscous: tuple[float, float]
@@ -136,6 +141,8 @@ class FrictionAlong:
     load: tuple[float, float]
     inertia: tuple[float, float]
     share: float
+    one_way: bool = False
+    one_speed: bool = False
 
     @property
     def shows_inertia(self) -> bool:
@@ -152,30 +159,51 @@ def friction_along(
     it, else it is the model's."""
     slow = integrated_motion(model, records, sensor).slow
     motion = integrated_motion(model, records, sensor, slow=slow)
-    columns, torque = _of_the_torque(model, names, motion, motion)
-    value, sd, _ = regression(columns, torque)
-    constant = regression(columns[:, 2:3], torque).value
-    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor, slow=slow), motion)
-    varies = float(np.sum((torque - columns[:, 2:3] @ constant) ** 2))
-    share = 1.0 - float(np.sum((torque - columns @ value) ** 2)) / varies if varies > 0.0 else 0.0
-    viscous, coulomb, load, inertia, *_ = zip(value, sd, strict=True)
-    sure = max(number - SURELY * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
-    return FrictionAlong(viscous, coulomb, load, inertia, share) if sure and share > MADE_OF_FRICTION else None
+    unseen_motion = integrated_motion(model, unseen, sensor, slow=slow)
+    one_way = _is_one_way(motion)
+    columns, constant, torque = _of_the_torque(model, names, motion, motion, one_way)
+    found = regression(columns, torque)
+    one_speed = not _shows_friction(found)
+    if one_speed:
+        columns[:, 0] = 0.0
+        found = regression(columns, torque)
+    level = regression(constant, torque).value
+    columns, constant, torque = _of_the_torque(model, names, unseen_motion, motion, one_way)
+    varies = float(np.sum((torque - constant @ level) ** 2))
+    share = 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies if varies > 0.0 else 0.0
+    if not (_shows_friction(found) and share > MADE_OF_FRICTION):
+        return None
+    viscous, coulomb, load, inertia, *_ = zip(found.value, found.sd, strict=True)
+    return FrictionAlong(viscous, coulomb, load, inertia, share, one_way, one_speed)
+
+
+def _shows_friction(found: Regression) -> bool:
+    """Whether viscous or dry friction is surely there."""
+    return max(number - SURELY * sd for number, sd in zip(found.value[:2], found.sd[:2], strict=True)) > 0.0
+
+
+def _is_one_way(motion: IntegratedMotion) -> bool:
+    """Whether the joint moves in the same direction over every span, or most of it."""
+    direction = motion.columns[:, 3] / motion.columns[:, 4]
+    return bool(np.all(direction > 0.5) or np.all(direction < -0.5))
 
 
 def _of_the_torque(
-    model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion
-) -> tuple[Array, Array]:
-    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they make."""
+    model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion, one_way: bool
+) -> tuple[Array, Array, Array]:
+    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, a constant (N, 1), and the torque (N,)
+    that they make; one way the sign is the constant."""
     (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
-    columns = [-less_speed, -less_sign, one, motion.speed_change]
+    columns = [-less_speed, -less_sign, 0.0 * one if one_way else one, motion.speed_change]
     tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
     if plant.turns and tells_gravity.isdisjoint(names):
         torque = torque + float(plant.gravity_torque(0.5 * math.pi)) * weight
+    elif plant.turns and one_way:
+        columns.append(weight)
     else:
         middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
         columns.append(weight - middle * one)
-    return np.column_stack(columns), torque
+    return np.column_stack(columns), one[:, None], torque
 
 
 def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:

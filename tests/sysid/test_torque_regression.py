@@ -61,6 +61,45 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
     assert found.load[0] == pytest.approx(0.4, rel=0.1)
 
 
+def led_past_gravity(seed: int, scatter: float, speed: float = 0.37, wave: float = 0.01, way: float = 1.0) -> Record:
+    """A joint that a controller leads in one direction past the top, from rest to rest; at one speed but for a wave."""
+    rng, t = np.random.default_rng(seed), DT * np.arange(round(2.1 / speed / DT) + 13)
+    ramp = np.clip(t / 0.1, 0.0, 1.0) * np.clip((t[-1] - t) / 0.1, 0.0, 1.0)
+    theta_dot = way * speed * ramp * (1.0 + wave * np.sin(9.0 * t))
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * DT * (theta_dot[1:] + theta_dot[:-1]))]) - 1.05 * way
+    slow = np.convolve(rng.standard_normal(len(t) + 6), np.hanning(7), "valid")
+    torque = 0.024 * np.gradient(theta_dot, DT) - 0.37 * np.sin(theta) + TAU_C * np.sign(theta_dot)
+    torque += scatter * slow / np.std(slow)
+    return Record(t, torque[:-1], theta + SENSOR.theta * rng.standard_normal(len(t)), name="led")
+
+
+@pytest.mark.parametrize("way", (1.0, -1.0))
+def test_a_motion_in_one_direction_does_not_tell_friction_from_a_load(way: float) -> None:
+    """A half of each would be certain and wrong: both together are told as what they may be."""
+    found = along(led_past_gravity(0, 0.003, wave=0.5, way=way))
+    assert found is not None and found.one_way and not found.one_speed
+    assert found.load == (0.0, 0.0)
+    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motion_at_one_speed_does_not_tell_dry_friction_from_viscous(seed: int) -> None:
+    found = along(led_past_gravity(seed, 0.03))
+    assert found is not None and found.one_way and found.one_speed
+    assert found.viscous == (0.0, 0.0)
+    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] < 0.2 * TAU_C
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2))
+def test_no_limit_that_cuts_off_a_drive_stands_for_a_controller(seed: int) -> None:
+    """A drive that gave nothing of what it is told, but a speed, would move just like this joint."""
+    found = diagnose(Model(JOINT, dt=DT), [led_past_gravity(seed, 0.04)])
+    assert not found.steps
+    assert found.friction is not None
+    assert "along the motion dry or viscous friction, or a constant load, of 0.2" in str(found)
+
+
 def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> None:
     """A record that rests throughout is slow beside the others, however its own noise moves."""
     fitted, seen, rng = (

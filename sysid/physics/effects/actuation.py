@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import InputEffect, Joint, JointEffect, Memory
@@ -18,6 +19,9 @@ from sysid.physics.parameters import doubling, of_curve, of_largest, parameter
 LARGEST_STALL = 10.0
 """Multiple of the largest torque that a drive is told, up to which it may be limited at rest: a steeper curve hardly
 falls before the speed where it ends."""
+MOST_CUT = 0.9
+"""Share of the torques that a moving drive is told, up to which it may give less, or nothing: beyond it the motion does
+not depend on the command, as that of a joint that a controller leads along a path does not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +109,10 @@ class DeadZone(InputEffect):
     confused = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
+    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
+        """Whether the drive gives at times more than nothing."""
+        return _share(told.drive == 0.0) < MOST_CUT
+
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
 
@@ -143,9 +151,10 @@ class TorqueSpeedLimit(JointEffect):
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 
-    def resolved(self, sd: float, reach: float, drive: float) -> bool:
-        """Whether the curve falls over a range of speeds, and is no wall at one of them."""
-        return float(self.limit) < LARGEST_STALL * drive
+    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
+        """Whether the curve falls over a range of speeds, and is no wall at one of them, and gives at times what the
+        drive is told."""
+        return float(self.limit) < LARGEST_STALL * drive and _share(self.torque(told) != 0.0) < MOST_CUT
 
     def torque(self, joint: Joint) -> Value:
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
@@ -199,3 +208,8 @@ class Stamp(InputEffect):
 
     def whole(self, signal: Array, dt: float) -> Array:
         return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)
+
+
+def _share(where: NDArray[np.bool_]) -> float:
+    """The share of instants at which something is so; of no instants 1."""
+    return float(np.mean(where)) if where.size else 1.0
