@@ -17,10 +17,8 @@ from sysid.physics.ops import Array
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine may have these effects' numbers, and the readings can show them."""
     sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
-    at_angle = found.model.actuator is not None and found.model.actuator.at_angle  # whose drive follows speeds itself
-    drive = math.inf if at_angle else float(np.max(np.abs(found.linearised.drive_torques), initial=0.0))
     told = found.linearised.told
-    return all(e.plausible and e.resolved(sd, reach, drive, told) for e in found.model.effects if e.name in effects)
+    return all(e.plausible and e.resolved(sd, reach, told) for e in found.model.effects if e.name in effects)
 
 
 def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:

@@ -315,12 +315,14 @@ class LinearisedModel:
 
     @cached_property
     def told(self) -> Joint:
-        """The joint in the middle of those intervals (K, S) over which it moves and its drive is told something."""
+        """The joint in the middle of those intervals (K, S) over which it moves and its drive is told a torque; none of
+        a servo, which is told a position."""
         theta, theta_dot = self.middle.T
-        moves = np.abs(theta_dot) > slow_speed([theta_dot])
-        at = moves & self.samples.follows & (self.samples.commands != 0.0)
-        clock, states = self.samples.time_since_start, (theta[at, None], theta_dot[at, None])
-        return self.model.joint(*states, clock[at, None], self.drives[at])
+        at = self.samples.follows & (np.abs(theta_dot) > slow_speed([theta_dot])) & (self.samples.commands != 0.0)
+        if self.model.actuator is not None and self.model.actuator.at_angle:
+            at[:] = False
+        clock = self.samples.time_since_start[at, None]
+        return self.model.joint(theta[at, None], theta_dot[at, None], clock, self.drives[at])
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:

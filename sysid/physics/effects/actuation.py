@@ -16,12 +16,11 @@ from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_re
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import doubling, of_curve, of_largest, parameter
 
-LARGEST_STALL = 10.0
-"""Multiple of the largest torque that a drive is told, up to which it may be limited at rest: a steeper curve hardly
-falls before the speed where it ends."""
-MOST_CUT = 0.9
-"""Share of the torques that a moving drive is told, up to which it may give less, or nothing: beyond it the motion does
-not depend on the command, as that of a joint that a controller leads along a path does not."""
+MOST_IDLE = 0.9
+"""Share of the instants at which a moving drive is told something up to which it may give nothing of it: beyond it the
+motion does not depend on the command, as that of a joint that a controller leads along a path does not."""
+NEXT_TO_NOTHING = 0.1
+"""Share of a drive's stall torque that is nearly nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +108,9 @@ class DeadZone(InputEffect):
     confused = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
-    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
         """Whether the drive gives at times more than nothing."""
-        return _share(told.drive == 0.0) < MOST_CUT
+        return _share(told.drive == 0.0) < MOST_IDLE
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
@@ -151,10 +150,11 @@ class TorqueSpeedLimit(JointEffect):
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 
-    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
-        """Whether the curve falls over a range of speeds, and is no wall at one of them, and gives at times what the
-        drive is told."""
-        return float(self.limit) < LARGEST_STALL * drive and _share(self.torque(told) != 0.0) < MOST_CUT
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+        """Whether the drive, where it pushes the joint on, is not all the time about as fast as it can be."""
+        pushes = told.drive * told.theta_dot > 0.0
+        given = np.abs(told.drive + self.torque(told))
+        return _share((given < NEXT_TO_NOTHING * float(self.limit))[pushes]) < MOST_IDLE
 
     def torque(self, joint: Joint) -> Value:
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
@@ -211,5 +211,5 @@ class Stamp(InputEffect):
 
 
 def _share(where: NDArray[np.bool_]) -> float:
-    """The share of instants at which something is so; of no instants 1."""
-    return float(np.mean(where)) if where.size else 1.0
+    """The share of instants at which something is so; of no instants 0."""
+    return float(np.mean(where)) if where.size else 0.0

@@ -114,9 +114,9 @@ class Effect(Parametric):
         """Whether a machine may have these numbers, beside their bounds."""
         return True
 
-    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
-        """Whether readings of the angle with that sd [rad] can show it, in a motion of that reach [rad] under a drive
-        of up to so much torque [N m]; `told` is the joint where it moves and its drive is told something."""
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+        """Whether readings of the angle with that sd [rad] can show it, in a motion of that reach [rad]; `told` is the
+        joint where it moves and its drive is told a torque, and no position."""
         return True
 
     @property

@@ -186,7 +186,7 @@ class Dahl(DynamicEffect):
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
 
-    def resolved(self, sd: float, reach: float, drive: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
         """Whether it gives by more than the sd, else it is Coulomb friction to these readings; and by less than a large
         part of the motion, else it hardly slides."""
         return sd < float(self.z_s) < LARGEST_GIVE * reach
