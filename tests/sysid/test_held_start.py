@@ -1,0 +1,94 @@
+"""Laws of held starts: a free swing is read from where it is free, one that is free throughout is read whole."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sysid import Coulomb, GeneralJoint, Model, Record, Viscous, diagnose, read, simulate
+from sysid.data.held_start import without_held_start
+from sysid.data.record import write_csv
+
+DT = 0.01
+PERIOD = 2.0 * math.pi * math.sqrt(0.1 / 2.0)
+"""Of small swings."""
+
+
+def swing(theta: float, theta_dot: float = 0.0, push: float = 0.0, seconds: float = 20.0) -> np.ndarray:
+    """Angles (N+1,) of a pendulum that hangs at pi, by default let go from theta, and hit there for a fifth of a second
+    where it is pushed."""
+    joint = Model(GeneralJoint(J=0.1, G=2.0), effects=(Coulomb(tau_c=0.02), Viscous(b=0.01)), dt=DT)
+    u = np.zeros((1, round(seconds / DT)))
+    u[0, :20] = push
+    return np.asarray(simulate(joint, u, np.array([theta]), np.array([theta_dot])).theta[0])
+
+
+def logged(theta: np.ndarray, seed: int = 0, noise: float = 1e-3) -> Record:
+    """The angles as a log without a torque."""
+    read_ = theta + noise * np.random.default_rng(seed).standard_normal(len(theta))
+    return Record(DT * np.arange(len(theta)), np.zeros(len(theta) - 1), read_, name="swing")
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("noise", (1e-4, 1e-3, 1e-2))
+def test_what_swings_from_the_first_sample_on_is_read_whole(seed: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    theta = swing(math.pi + rng.uniform(0.3, 2.5) * rng.choice([-1.0, 1.0]), rng.uniform(-3.0, 3.0))
+    record = logged(theta, seed, noise)
+    assert without_held_start(record) == (record, "")
+
+
+@pytest.mark.parametrize("held", (0.1, 1.0, 4.0))
+@pytest.mark.parametrize("away", (-1.0, 0.4, 2.0))
+def test_what_is_held_at_first_is_read_from_where_it_is_let_go(held: float, away: float) -> None:
+    free = swing(math.pi + away)
+    record, said = without_held_start(logged(np.concatenate([np.full(round(held / DT), free[0]), free])))
+    assert held < record.t[0] < held + 0.5 * PERIOD
+    assert said.startswith(f"swing: the first {record.t[0]:.3g} s are left out")
+    assert len(record.previous_commands) > 0, "no torque acted before, which is known"
+
+
+def test_what_a_hand_lifts_and_what_trembles_in_it_is_left_out() -> None:
+    free, rng = swing(math.pi + 1.0), np.random.default_rng(0)
+    lifted = math.pi + np.concatenate([np.zeros(150), np.linspace(0.0, 1.0, 130), np.ones(80)])
+    lifted[150:] += 0.02 * np.convolve(rng.standard_normal(len(lifted) - 120), np.ones(31) / math.sqrt(31.0), "valid")
+    record, _ = without_held_start(logged(np.concatenate([lifted, free])))
+    assert 3.6 < record.t[0] < 3.6 + 0.5 * PERIOD
+
+
+def test_what_is_hit_while_it_hangs_is_read_from_the_first_swing_on() -> None:
+    record, _ = without_held_start(logged(np.concatenate([np.full(400, math.pi), swing(math.pi, push=1.5)])))
+    assert 4.2 < record.t[0] < 4.2 + 0.5 * PERIOD
+
+
+def test_swings_before_a_stronger_push_are_kept() -> None:
+    record = logged(np.concatenate([swing(math.pi + 0.5, seconds=6.0), swing(math.pi, push=2.5)]))
+    assert without_held_start(record) == (record, "")
+
+
+def test_what_stands_until_its_drive_moves_it_is_read_whole() -> None:
+    theta = np.concatenate([np.full(200, math.pi + 1.0), swing(math.pi + 1.0)])
+    still = logged(theta)
+    driven = Record(still.t, np.where(still.t[:-1] < 1.9, 0.0, 0.1), still.theta, name="driven")
+    assert without_held_start(driven) == (driven, "")
+
+
+def test_logs_without_angles_and_without_motion_are_read_whole() -> None:
+    t = DT * np.arange(101)
+    for record in (Record(t, np.zeros(100), None, t), Record(t, np.zeros(100), np.ones(101))):
+        assert without_held_start(record) == (record, "")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("held", (0.1, 4.0))
+def test_a_diagnosis_is_not_bent_by_the_hand_that_held(tmp_path, held: float) -> None:
+    free = swing(math.pi + 1.0)
+    write_csv(logged(np.concatenate([np.full(round(held / DT), free[0]), free])), tmp_path / "swing.csv")
+    log = read(tmp_path / "swing.csv")
+    assert any("a hand holds or moves it until then" in note for note in log.notes)
+    found = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
+    assert {step.effect for step in found.steps} == {"coulomb", "viscous"}
+    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.02, rel=0.02)
+    assert found.estimate.values["viscous.b"] == pytest.approx(0.01, rel=0.02)
