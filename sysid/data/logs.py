@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.data import checks, log_files, resampling
 from sysid.data.columns import Command, TimeUnit, chosen_columns, in_seconds, likely_columns, wanted_columns, with_signs
-from sysid.data.held_start import without_held_start
+from sysid.data.free_part import free_part
 from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
@@ -120,8 +120,8 @@ def read(
     """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI units, evenly sampled.
 
     Rows without a number are left out where they are few, their command kept where it is known; `sysid.data.resampling`
-    says what becomes of uneven stamps and gaps. What is held at first, until it is let go, is left out, too
-    (`sysid.data.held_start`).
+    says what becomes of uneven stamps and gaps. Where a hand holds a free swing at first or at last, that is left out
+    (`sysid.data.free_part`).
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def read(
             rollouts.append(_rows(name, part, zero, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
     if command != "position":
-        free = [without_held_start(record) for record in records]
+        free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
 

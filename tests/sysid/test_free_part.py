@@ -1,14 +1,15 @@
-"""Laws of held starts: a free swing is read from where it is free, one that is free throughout is read whole."""
+"""Laws of the free part: of a free swing is read what no hand holds, and what is free throughout is read whole."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sysid import Coulomb, GeneralJoint, Model, Record, Viscous, diagnose, read, simulate
-from sysid.data.held_start import without_held_start
+from sysid import Coulomb, Drag, Effect, GeneralJoint, Model, Record, Viscous, diagnose, read, simulate
+from sysid.data.free_part import free_part
 from sysid.data.record import write_csv
 
 DT = 0.01
@@ -37,14 +38,14 @@ def test_what_swings_from_the_first_sample_on_is_read_whole(seed: int, noise: fl
     rng = np.random.default_rng(seed)
     theta = swing(math.pi + rng.uniform(0.3, 2.5) * rng.choice([-1.0, 1.0]), rng.uniform(-3.0, 3.0))
     record = logged(theta, seed, noise)
-    assert without_held_start(record) == (record, "")
+    assert free_part(record) == (record, "")
 
 
 @pytest.mark.parametrize("held", (0.1, 1.0, 4.0))
 @pytest.mark.parametrize("away", (-1.0, 0.4, 2.0))
 def test_what_is_held_at_first_is_read_from_where_it_is_let_go(held: float, away: float) -> None:
     free = swing(math.pi + away)
-    record, said = without_held_start(logged(np.concatenate([np.full(round(held / DT), free[0]), free])))
+    record, said = free_part(logged(np.concatenate([np.full(round(held / DT), free[0]), free])))
     assert held < record.t[0] < held + 0.5 * PERIOD
     assert said.startswith(f"swing: the first {record.t[0]:.3g} s are left out")
     assert len(record.previous_commands) > 0, "no torque acted before, which is known"
@@ -54,40 +55,74 @@ def test_what_a_hand_lifts_and_what_trembles_in_it_is_left_out() -> None:
     free, rng = swing(math.pi + 1.0), np.random.default_rng(0)
     lifted = math.pi + np.concatenate([np.zeros(150), np.linspace(0.0, 1.0, 130), np.ones(80)])
     lifted[150:] += 0.02 * np.convolve(rng.standard_normal(len(lifted) - 120), np.ones(31) / math.sqrt(31.0), "valid")
-    record, _ = without_held_start(logged(np.concatenate([lifted, free])))
+    record, _ = free_part(logged(np.concatenate([lifted, free])))
     assert 3.6 < record.t[0] < 3.6 + 0.5 * PERIOD
 
 
 def test_what_is_hit_while_it_hangs_is_read_from_the_first_swing_on() -> None:
-    record, _ = without_held_start(logged(np.concatenate([np.full(400, math.pi), swing(math.pi, push=1.5)])))
+    record, _ = free_part(logged(np.concatenate([np.full(400, math.pi), swing(math.pi, push=1.5)])))
     assert 4.2 < record.t[0] < 4.2 + 0.5 * PERIOD
 
 
 def test_swings_before_a_stronger_push_are_kept() -> None:
     record = logged(np.concatenate([swing(math.pi + 0.5, seconds=6.0), swing(math.pi, push=2.5)]))
-    assert without_held_start(record) == (record, "")
+    assert free_part(record) == (record, "")
+
+
+def caught(seconds: float, stands: float) -> np.ndarray:
+    """A swing that a hand stops within a tenth of a second, and holds."""
+    free = swing(math.pi + 1.0, seconds=seconds)
+    slower = 1.0 - np.exp(-np.arange(DT, stands, DT) / 0.05)
+    return np.concatenate([free, free[-1] + (free[-1] - free[-2]) / DT * 0.05 * slower])
+
+
+@pytest.mark.parametrize("seconds", (4.0, 5.8, 6.0, 6.3, 8.05))
+@pytest.mark.parametrize("stands", (2.0, 10.0))
+def test_what_a_hand_catches_is_read_until_then(seconds: float, stands: float) -> None:
+    record, said = free_part(logged(caught(seconds, stands)))
+    assert seconds - 0.75 * PERIOD < record.t[-1] <= seconds
+    assert f"what comes after {record.t[-1]:.4g} s is left out" in said
+
+
+@pytest.mark.parametrize("friction", (Coulomb(tau_c=0.2), Coulomb(tau_c=0.03), Viscous(b=0.2), Drag(c=0.05)))
+def test_what_comes_to_rest_by_itself_is_read_whole(friction: Effect) -> None:
+    joint = Model(GeneralJoint(J=0.1, G=2.0), friction, dt=DT)
+    for away in np.linspace(0.3, 2.0, 9):
+        theta = simulate(joint, np.zeros((1, 3000)), np.array([math.pi + away]), np.zeros(1)).theta[0]
+        record = logged(np.asarray(theta))
+        assert free_part(record) == (record, "")
 
 
 def test_what_stands_until_its_drive_moves_it_is_read_whole() -> None:
     theta = np.concatenate([np.full(200, math.pi + 1.0), swing(math.pi + 1.0)])
     still = logged(theta)
     driven = Record(still.t, np.where(still.t[:-1] < 1.9, 0.0, 0.1), still.theta, name="driven")
-    assert without_held_start(driven) == (driven, "")
+    assert free_part(driven) == (driven, "")
 
 
 def test_logs_without_angles_and_without_motion_are_read_whole() -> None:
     t = DT * np.arange(101)
     for record in (Record(t, np.zeros(100), None, t), Record(t, np.zeros(100), np.ones(101))):
-        assert without_held_start(record) == (record, "")
+        assert free_part(record) == (record, "")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("held", (0.1, 4.0))
 def test_a_diagnosis_is_not_bent_by_the_hand_that_held(tmp_path, held: float) -> None:
     free = swing(math.pi + 1.0)
-    write_csv(logged(np.concatenate([np.full(round(held / DT), free[0]), free])), tmp_path / "swing.csv")
-    log = read(tmp_path / "swing.csv")
-    assert any("a hand holds or moves it until then" in note for note in log.notes)
+    check_diagnosis(np.concatenate([np.full(round(held / DT), free[0]), free]), tmp_path / "swing.csv")
+
+
+@pytest.mark.long
+def test_a_diagnosis_is_not_bent_by_the_hand_that_caught(tmp_path) -> None:
+    check_diagnosis(caught(12.0, 3.0), tmp_path / "swing.csv")
+
+
+def check_diagnosis(theta: np.ndarray, path: Path) -> None:
+    """Both frictions are named, with their numbers, of a log that a hand had part in."""
+    write_csv(logged(theta), path)
+    log = read(path)
+    assert any("a hand holds or moves it there" in note for note in log.notes)
     found = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
     assert {step.effect for step in found.steps} == {"coulomb", "viscous"}
     assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.02, rel=0.02)
