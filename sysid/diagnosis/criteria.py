@@ -17,7 +17,7 @@ from sysid.physics.ops import Array
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine may have these effects' numbers, and the readings can show them."""
     sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
-    told = found.linearised.told
+    told = found.linearised.told(found.model)
     return all(e.plausible and e.resolved(sd, reach, told) for e in found.model.effects if e.name in effects)
 
 

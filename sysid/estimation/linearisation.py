@@ -313,16 +313,15 @@ class LinearisedModel:
         torques: Array = np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
         return torques
 
-    @cached_property
-    def told(self) -> Joint:
-        """The joint in the middle of those intervals (K, S) over which it moves and its drive is told a torque; none of
-        a servo, which is told a position."""
+    def told(self, model: Model) -> Joint:
+        """The joint of a model in the middle of those intervals (K, S) over which it moves and its drive is told a
+        torque; none of a servo, which is told a position."""
         theta, theta_dot = self.middle.T
         at = self.samples.follows & (np.abs(theta_dot) > slow_speed([theta_dot])) & (self.samples.commands != 0.0)
-        if self.model.actuator is not None and self.model.actuator.at_angle:
+        if model.actuator is not None and model.actuator.at_angle:
             at[:] = False
         clock = self.samples.time_since_start[at, None]
-        return self.model.joint(theta[at, None], theta_dot[at, None], clock, self.drives[at])
+        return model.joint(theta[at, None], theta_dot[at, None], clock, self.drives[at])
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:
