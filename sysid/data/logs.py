@@ -186,7 +186,7 @@ def read(
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, part, zero, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
-    if command != "position":
+    if command != "position":  # a servo that is told 0 is told something
         free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)

@@ -161,15 +161,15 @@ def friction_along(
     motion = integrated_motion(model, records, sensor, slow=slow)
     unseen_motion = integrated_motion(model, unseen, sensor, slow=slow)
     one_way = _is_one_way(motion)
-    columns, constant, torque = _of_the_torque(model, names, motion, motion, one_way)
+    columns, torque = _of_the_torque(model, names, motion, motion, one_way)
     found = regression(columns, torque)
     one_speed = not _shows_friction(found)
     if one_speed:
         columns[:, 0] = 0.0
         found = regression(columns, torque)
-    level = regression(constant, torque).value
-    columns, constant, torque = _of_the_torque(model, names, unseen_motion, motion, one_way)
-    varies = float(np.sum((torque - constant @ level) ** 2))
+    level = regression(motion.columns[:, 4:], torque).value
+    columns, torque = _of_the_torque(model, names, unseen_motion, motion, one_way)
+    varies = float(np.sum((torque - unseen_motion.columns[:, 4:] @ level) ** 2))
     share = 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies if varies > 0.0 else 0.0
     if not (_shows_friction(found) and share > MADE_OF_FRICTION):
         return None
@@ -190,9 +190,9 @@ def _is_one_way(motion: IntegratedMotion) -> bool:
 
 def _of_the_torque(
     model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion, one_way: bool
-) -> tuple[Array, Array, Array]:
-    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, a constant (N, 1), and the torque (N,)
-    that they make; one way the sign is the constant."""
+) -> tuple[Array, Array]:
+    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they make; of a
+    motion in one direction its sign is the constant, and 1 says nothing more."""
     (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
     columns = [-less_speed, -less_sign, 0.0 * one if one_way else one, motion.speed_change]
     tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
@@ -203,7 +203,7 @@ def _of_the_torque(
     else:
         middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
         columns.append(weight - middle * one)
-    return np.column_stack(columns), one[:, None], torque
+    return np.column_stack(columns), torque
 
 
 def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:

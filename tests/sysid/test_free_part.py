@@ -86,6 +86,12 @@ def test_what_a_hand_catches_is_read_until_then(seconds: float, stands: float) -
     assert f"what comes after {record.t[-1]:.4g} s is left out" in said
 
 
+def test_both_ends_are_told_in_one_sentence() -> None:
+    _, said = free_part(logged(np.concatenate([np.full(400, math.pi + 1.0), caught(12.0, 3.0)])))
+    cut = "the first 4.28 s and what comes after 15.56 s are left out"
+    assert said == f"swing: {cut}: without a torque a hand holds or moves it there"
+
+
 @pytest.mark.parametrize("friction", (Coulomb(tau_c=0.2), Coulomb(tau_c=0.03), Viscous(b=0.2), Drag(c=0.05)))
 def test_what_comes_to_rest_by_itself_is_read_whole(friction: Effect) -> None:
     joint = Model(GeneralJoint(J=0.1, G=2.0), friction, dt=DT)
