@@ -28,6 +28,10 @@ MOST = 20_000
 """Samples that are looked at."""
 SURELY = 3.0
 """Standard errors from which a number of the regression is no accident."""
+ONE_SPEED = 0.2
+"""Difference of the speeds of most of a motion in a direction, as a share, below which they are nearly one."""
+WHOLLY = 0.99
+"""Share of a span from which the joint moves in one direction over all of it."""
 MADE_OF_FRICTION = 0.9
 """Share of a torque from which it is said to be friction and load: what else there is could be anything below."""
 
@@ -133,7 +137,8 @@ class FrictionAlong:
         The share of the torque that all terms together explain, of data that the regression has not seen: of its
         squares about the constant torque that explains most of what was seen.
     one_way, one_speed : bool
-        Whether the joint moves in one direction only, and at nearly one speed: then tau_c is viscous friction, too.
+        Whether the joint moves in one direction only, and at nearly one speed in each direction: then tau_c is viscous
+        friction, too.
     """
 
     viscous: tuple[float, float]
@@ -163,7 +168,7 @@ def friction_along(
     one_way = _is_one_way(motion)
     columns, torque = _of_the_torque(model, names, motion, motion, one_way)
     found = regression(columns, torque)
-    one_speed = not _shows_friction(found)
+    one_speed = _is_at_one_speed(motion) or not _shows_friction(found)
     if one_speed:
         columns[:, 0] = 0.0
         found = regression(columns, torque)
@@ -186,6 +191,15 @@ def _is_one_way(motion: IntegratedMotion) -> bool:
     """Whether the joint moves in the same direction over every span, or most of it."""
     direction = motion.columns[:, 3] / motion.columns[:, 4]
     return bool(np.all(direction > 0.5) or np.all(direction < -0.5))
+
+
+def _is_at_one_speed(motion: IntegratedMotion) -> bool:
+    """Whether the spans over which the joint moves in a direction, but for a tenth at either end, have nearly the same
+    speed; that of the other direction may be another, which a load tells as well."""
+    speed, direction = -motion.columns[:, 2:4].T / motion.columns[:, 4]
+    ways = [np.abs(speed[way]) for way in (direction < -WHOLLY, direction > WHOLLY) if np.any(way)]
+    ranges = [np.quantile(own, (0.1, 0.5, 0.9)) for own in ways]
+    return bool(ranges) and all(high - low < ONE_SPEED * middle for low, middle, high in ranges)
 
 
 def _of_the_torque(

@@ -90,6 +90,30 @@ def test_a_motion_at_one_speed_does_not_tell_dry_friction_from_viscous(seed: int
     assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] < 0.2 * TAU_C
 
 
+@pytest.mark.parametrize(("tau_c", "b"), ((9.0, 0.0), (0.0, 1.0), (5.0, 0.5)))
+def test_nor_does_one_speed_forth_and_another_back(tau_c: float, b: float) -> None:
+    """Two speeds are two numbers, of a dry and a viscous friction and a load; at a third speed there are three."""
+
+    def stroked(*speeds: float) -> Record:
+        rng, t = np.random.default_rng(1), 0.01 * np.arange(6000)
+        stroke, since = np.floor(t / 5.0).astype(int) % len(speeds), t % 5.0
+        theta_dot = np.array(speeds)[stroke] * np.clip(np.minimum(since, 4.0 - since) / 0.05, 0.0, 1.0)
+        theta = np.cumsum(0.01 * theta_dot) + 0.005 * rng.standard_normal(len(t))
+        slow = np.convolve(rng.standard_normal(len(t) + 40), np.hanning(41), "valid")
+        force = tau_c * np.sign(theta_dot) + b * theta_dot + 250.0 + 0.5 * slow / np.std(slow)
+        return Record(t, force[:-1], theta, name="stroked")
+
+    two, three = (
+        along(stroked(*speeds), LinearAxis(), ("m",), Sensor(theta=0.005))
+        for speeds in ((6.0, -11.0), (6.0, -11.0, 2.0))
+    )
+    assert two is not None and two.one_speed and not two.one_way
+    assert two.viscous == (0.0, 0.0)
+    assert two.coulomb[0] == pytest.approx(tau_c + 8.5 * b, rel=0.03), "what both have in common is half the difference"
+    assert three is not None and not three.one_speed
+    assert three.viscous[0] == pytest.approx(b, abs=0.1)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", (0, 3, 4))
 def test_no_limit_that_cuts_off_a_drive_stands_for_a_controller(seed: int) -> None:
