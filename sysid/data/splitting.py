@@ -19,6 +19,10 @@ MARGIN = 0.2
 """What is left out beside a stretch that is to be left out [s]."""
 SHORTEST = 1.0
 """Pieces that are shorter [s] are dropped with it."""
+SHORTEST_PART, LEAST_SHARE = 0.5, 0.2
+"""A part that is shorter [s] stays with what it is by, and of a quick stroke one that is a smaller share of it."""
+SHORTEST_LOG = 0.5
+"""Seconds of log that are the least of which something is held out."""
 
 
 def split(
@@ -85,15 +89,17 @@ def _divided(
         return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
     held = min(max(share * total, shortest), max(share, 0.5) * total)
     count = int(np.clip(held / (0.5 * shortest), 1, MOST_STRETCHES))
-    middles = total * (np.arange(count) + 0.5) / count
+    middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, LEAST_SHARE * total)
     pieces = [
         p
         for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
-        for p in _pieces(r, float(begin), middles, 0.5 * held / count, name)
+        for p in _pieces(r, float(begin), middles, 0.5 * held / count, least, name)
     ]
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
-    if not training or not out:
-        raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
+    if not training or not out or total < SHORTEST_LOG:
+        raise InvalidInput(
+            f"{total:.2g} s of log are too short to hold a part out: expected some seconds, and half a one at least"
+        )
     return training, out
 
 
@@ -103,14 +109,16 @@ def _spread(n: int, count: int) -> list[int]:
     return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
 
-def _pieces(record: Record, begin: float, middles: Array, half: float, name: str) -> Iterator[tuple[Record, bool]]:
+def _pieces(
+    record: Record, begin: float, middles: Array, half: float, least: float, name: str
+) -> Iterator[tuple[Record, bool]]:
     """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`,
-    of that name, begin and end, and whether each piece is inside one; what is shorter than half a second stays with
-    what it is by."""
+    of that name, begin and end, and whether each piece is inside one; what is shorter than `least` [s] stays with what
+    it is by."""
     middle = begin + record.dt * (np.arange(len(record)) + 0.5)
     inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
     for first, last in _alike(inside):
-        if (last - first) * record.dt < 0.5:
+        if (last - first) * record.dt < least:
             inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
     if np.all(inside == inside[0]):
         yield record, bool(inside[0])

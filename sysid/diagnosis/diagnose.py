@@ -125,7 +125,8 @@ def diagnose(
         logger.info(notes[-1])
     sensor = relied_on(model, training, sensor)
     asked = telling_horizon(records) if settings.horizon is None else settings.horizon
-    ahead = min(asked, _foreseeable(model, names, training, sensor))
+    longest = float(f"{max(len(r) * r.dt for r in held_out):.2g}")
+    ahead = min(asked, longest, _foreseeable(model, names, training, sensor))
     settings = replace(settings, horizon=max(ahead, SHORTEST_HORIZON))
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     held_out, more = _untouched(search, base, held_out)

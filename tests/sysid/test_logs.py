@@ -459,6 +459,12 @@ def test_a_split_that_leaves_nothing_is_refused(seconds, n, hold_out, message):
         split(rollouts(n, seconds), hold_out)
 
 
+def test_of_a_quick_stroke_a_part_is_held_out_too():
+    training, held_out = split(rollouts(1, 0.7))
+    assert sum(len(r) * r.dt for r in held_out) > 0.2
+    assert sum(len(r) * r.dt for r in training) > 0.2
+
+
 # ---- thinning --------------------------------------------------------------------------------------------------------
 
 
