@@ -67,7 +67,7 @@ class MismatchFindings(TrialFindings):
 
     def condition(self, plant: str, strategy: str, n: int) -> Condition:
         """With n rollouts where the strategy spends any."""
-        return Condition(plant, "encoder", strategy, min(n, self.plan.kind_of(strategy).most))
+        return self.plan.condition(self.plan.plant(plant), "encoder", strategy, n)
 
     def together(self, rows: Sequence[PlannedContrast]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from study.formatting import number, percent, signed
-from study.strategies.catalogue import strategy_class
+from study.strategies.catalogue import strategy_called
 from study.strategies.trial_findings import NEAR, TrialFindings
 
 FEW = 5
@@ -36,7 +36,7 @@ def _arrivals(findings: TrialFindings) -> str:
             told.append(f"{where} no strategy comes within {percent(NEAR)} of the optimum.")
             continue
         least = min(there.values())
-        first = [strategy_class(s).short for s, n in there.items() if n == least]
+        first = [strategy_called(s).short for s, n in there.items() if n == least]
         told.append(
             f"{where} {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
             f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(own)} do so within the "
@@ -57,7 +57,8 @@ def _contrasts(findings: TrialFindings) -> str:
     )
     if certain:
         most = max(certain, key=lambda c: abs(c.contrast.mean))
-        text += f" The largest: {strategy_class(most.a).short} with {most.n} rollouts on {most.plant}, {most.contrast}."
+        short = strategy_called(most.a).short
+        text += f" The largest: {short} with {most.n} rollouts on {most.plant}, {most.contrast}."
     return text
 
 
@@ -69,7 +70,7 @@ def _curse(findings: TrialFindings) -> str:
         own = [o for c, o in findings.outcomes.items() if c.strategy == strategy and np.isfinite(o.best).any()]
         if own:
             gain = float(np.mean(np.concatenate([o.returns - o.best for o in own])))
-            told.append(f"{strategy_class(strategy).short}: what it deploys returns {signed(gain)} against its best "
+            told.append(f"{strategy_called(strategy).short}: what it deploys returns {signed(gain)} against its best "
                         f"candidate so far, evaluated anew ({number(np.mean([o.anew for o in own]))})")  # fmt: skip
     return "; ".join(told) + "." + _caution(findings)
 

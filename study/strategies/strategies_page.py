@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
 from study.formatting import percent
 from study.pipeline.publication import Account
-from study.strategies.catalogue import strategy_class
+from study.strategies.catalogue import strategy_called
 from study.strategies.strategies_findings import strategies_sentences
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
 from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
@@ -53,7 +53,7 @@ def _lines(findings: TrialFindings) -> Figure:
     """How far the means fall short of the optimum, all panels to one scale that has the optimum above: a row a group,
     with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
-    groups = {g: [s for s in plan.strategies if strategy_class(s).group == g] for g in GROUPS}
+    groups = {g: [s for s in plan.strategies if strategy_called(s).group == g] for g in GROUPS}
     context = [s for s in plan.strategies if s == BASELINE or s in groups["nothing"]]
     grey = {s: {"color": "0.6", "marker": "o" if s == BASELINE else "x+"[k % 2]} for k, s in enumerate(context)}
     spending = {group: own for group, own in groups.items() if own and group != "nothing"}
@@ -78,7 +78,7 @@ def _lines(findings: TrialFindings) -> Figure:
                         xycoords=panels[0].get_yaxis_transform())  # fmt: skip
         panels[0].set_ylabel(f"{GROUPS[group]}\nshort of the optimum by")
         for strategy, look in sorted(looks.items(), key=lambda item: item[0] not in own):
-            key.plot([], [], label=strategy_class(strategy).short, linewidth=1.4, markersize=4.5, **look)
+            key.plot([], [], label=strategy_called(strategy).short, linewidth=1.4, markersize=4.5, **look)
         key.legend(loc="center left", fontsize=8.5)
         key.set_axis_off()
     for (plant, sensing), top, bottom in zip(plan.places, rows[0], rows[-1], strict=False):
@@ -103,7 +103,7 @@ def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look:
 
 def _rows(findings: TrialFindings) -> Figure:
     """With a grey line that continues the point estimate."""
-    figure = returns_in_rows(findings, strategy_class, INKS)
+    figure = returns_in_rows(findings, strategy_called, INKS)
     for axes, (plant, sensing) in zip(figure.axes, findings.plan.places, strict=True):
         for outcome in findings.line(plant.name, sensing, BASELINE).values():
             axes.axvline(outcome.mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
@@ -131,5 +131,5 @@ def account(plan: StrategiesPlan, results: TrialResults) -> Account:
         strategies_sentences(found),
         (partial(returns_of_strategies, found), CAPTION if found.several else ROWS_CAPTION),
         "strategies.html.j2",
-        {"strategies": {name: strategy_class(name) for name in plan.strategies}},
+        {"strategies": {name: strategy_called(name) for name in plan.strategies}},
     )

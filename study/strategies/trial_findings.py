@@ -217,7 +217,7 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
     for plant, sensing in plan.places:
         for n in plan.contrasted if sensing == plan.sensings[0] else ():
             for a, b in plan.contrasts:
-                sides = [Condition(plant.name, sensing, own, min(n, plan.kind_of(own).most)) for own in (a, b)]
+                sides = [plan.condition(plant, sensing, own, n) for own in (a, b)]
                 if all(side in outcomes for side in sides):
                     place = plant.name, sensing, max(side.n for side in sides), a, b
                     differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])
