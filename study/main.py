@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     return _study(options, f"{program} {shlex.join(given)}".strip())
 
 
@@ -142,10 +142,6 @@ def _flag(field: dataclasses.Field[object]) -> str:
 def _fail(sentence: str, code: int) -> int:
     print(f"error: {sentence}", file=sys.stderr)
     return code
-
-
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":
