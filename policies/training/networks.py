@@ -125,15 +125,6 @@ class StackedMLP(TensorDictModuleBase):
         return tensordict.update(dict(zip(self.out_keys, answers, strict=True)))
 
 
-def actor_and_critic(
-    agents: int, observation: int, action: int, hidden: Sequence[int]
-) -> tuple[StackedMLP, StackedMLP]:
-    """An actor and a critic an agent, for observations and actions of these sizes."""
-    actor = StackedMLP(agents, (observation, *hidden, 2 * action), ["observation"], ["loc", "log_std"])
-    sizes = (observation + action, *hidden, 1)
-    return actor, StackedMLP(agents, sizes, ["observation", "action"], ["state_action_value"])
-
-
 class ExploringPolicy(TensorDictModuleBase):
     """observation (A, O), noise (A, D) -> action (A, D), by an actor's weights.
 

@@ -38,7 +38,7 @@ from policies.training.cuda_graph import CudaGraph
 from policies.training.networks import (
     ExploringPolicy,
     SquashedNormal,
-    actor_and_critic,
+    StackedMLP,
     backward,
     both_critics,
     forward,
@@ -101,7 +101,10 @@ class StackedSACLoss(SACLoss):
     def __init__(
         self, seeds: Sequence[int], settings: SACSettings, observation_size: int = 3, action_size: int = 1
     ) -> None:
-        network, critic = actor_and_critic(len(seeds), observation_size, action_size, settings.hidden)
+        agents, hidden = len(seeds), settings.hidden
+        sizes = (observation_size, *hidden, 2 * action_size), (observation_size + action_size, *hidden, 1)
+        network = StackedMLP(agents, sizes[0], ["observation"], ["loc", "log_std"])
+        critic = StackedMLP(agents, sizes[1], ["observation", "action"], ["state_action_value"])
         actor = ProbabilisticActor(
             network, in_keys=["loc", "log_std", "noise"], distribution_class=SquashedNormal, return_log_prob=True
         )
@@ -122,7 +125,7 @@ class StackedSACLoss(SACLoss):
         self._critics, self._targets = (
             [leaf.detach().flatten(0, 1) for leaf in leaves] for leaves in (self.critic_leaves, self.target_leaves)
         )
-        self.log_alpha = nn.Parameter(torch.full((len(seeds), 1), math.log(settings.initial_temperature)))
+        self.log_alpha = nn.Parameter(torch.full((agents, 1), math.log(settings.initial_temperature)))
         self.settings, self._vmap_qnetworkN0 = settings, both_critics
         initialise(seeds, self.actor_leaves, *([leaf[i] for leaf in self.critic_leaves] for i in (0, 1)))
         torch._foreach_copy_(self.target_leaves, [leaf.detach() for leaf in self.critic_leaves])
