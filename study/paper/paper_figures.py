@@ -238,18 +238,14 @@ def curves(findings: PointFindings) -> Figure:
 
 def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
-    cells = findings.summaries
-    found = {
-        "heatmap": lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed()),
-        "pareto": lambda: paretos({"What the next rollout is worth": cells}, findings.allowed()),
-        "curves": lambda: curves(findings),
-    }
-    telling = {
-        "heatmap": len(cells) > 1,
-        "pareto": len(findings.point.budgets) > 1,
-        "curves": any(run.curve for run in findings.runs),
-    }
-    return {name: draw for name, draw in found.items() if telling[name]}
+    cells, found = findings.summaries, dict[str, Callable[[], Figure]]()
+    if len(cells) > 1:
+        found["heatmap"] = lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed())
+    if len(findings.point.budgets) > 1:
+        found["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.allowed())
+    if any(run.curve for run in findings.runs):
+        found["curves"] = lambda: curves(findings)
+    return found
 
 
 THEIRS = "0.45"
