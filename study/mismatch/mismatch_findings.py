@@ -16,18 +16,12 @@ from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.naming import names
 from study.statistics import Contrast, paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD
-from study.strategies.trial_findings import (
-    Array,
-    PlannedContrast,
-    TrialFindings,
-    TrialResults,
-    cases_of,
-    trial_findings,
-)
+from study.strategies.trial_findings import PlannedContrast, TrialFindings, TrialResults, cases_of, trial_findings
 from study.strategies.trial_plan import Case, Condition
 from study.trials.hidden_plant import HiddenPlant
 from study.trials.rollout_budget import BAND
 from study.trials.training_setup import TrainingSetup, training_setup_of
+from sysid.physics.ops import Array
 
 
 class Verdict(NamedTuple):
