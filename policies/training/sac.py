@@ -36,7 +36,6 @@ from torchrl.objectives import SACLoss, ValueEstimators
 from policies.environments.random_streams import Purpose
 from policies.training.cuda_graph import CudaGraph
 from policies.training.networks import (
-    ExploringPolicy,
     SquashedNormal,
     StackedMLP,
     backward,
@@ -129,6 +128,16 @@ class StackedSACLoss(SACLoss):
         self.settings, self._vmap_qnetworkN0 = settings, both_critics
         initialise(seeds, self.actor_leaves, *([leaf[i] for leaf in self.critic_leaves] for i in (0, 1)))
         torch._foreach_copy_(self.target_leaves, [leaf.detach() for leaf in self.critic_leaves])
+
+    @torch.no_grad()
+    def act(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """observation (A, O) and noise (A, D), standard normal -> action (A, D), of one pendulum an agent.
+
+        The actor that SACLoss holds answers the same, and takes three times as long.
+        """
+        loc, log_std = head(forward(with_ones(tensordict.get("observation").unsqueeze(1)), self.actor_leaves)[-1])
+        action = torch.addcmul(loc, log_std.exp(), tensordict.get("noise").unsqueeze(1)).tanh_()
+        return tensordict.set("action", action.squeeze(1))
 
     def _reduce_loss(self, loss: Tensor, *_: Any, **__: Any) -> Tensor:
         """The mean over an agent's batch, the sum over agents."""
@@ -242,7 +251,6 @@ class SACPopulation(Population):
         self._exploration, self._uniform, self._normal = self._blocks
         capacity, example = min(settings.capacity, settings.steps), self.env.fake_tensordict()
         self.replay = replay_buffer(capacity, settings.batch, example, lambda: self._uniform.at(self._k))
-        self.policy = ExploringPolicy(loss.actor_leaves)
         self.critic_optimizer = FusedAdam(loss.critic_leaves, settings.learning_rate)
         self.actor_optimizer = FusedAdam([*loss.actor_leaves, loss.log_alpha], settings.learning_rate)
         self.resumed()
@@ -280,7 +288,7 @@ class SACPopulation(Population):
 
     def _learn(self) -> None:
         """A step with the policy's actions and an update. Nothing in it waits for the device or depends on the host."""
-        self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
+        self._move(self.loss.act(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
         batch = self.replay.sample()
         noise, next_noise = self._normal.at(self._k).unbind(1)
         batch = batch.set("noise", noise).set(("next", "noise"), next_noise)

@@ -95,7 +95,7 @@ class GoesOnLearning(SACPopulation):
     """A population whose first steps, before any update, take its own actions and not uniform ones."""
 
     def _explore(self) -> None:
-        self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
+        self._move(self.loss.act(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
         self._k.add_(1)
 
 

@@ -142,7 +142,7 @@ def test_curves_hold_the_return_of_every_training_episode(undisturbed):
 def acted(population, row):
     """The actions (A, 1) of all agents at an observation, without noise."""
     seen = TensorDict({"observation": row.expand(3, 3), "noise": torch.zeros(3, 1)}, [3])
-    return population.policy(seen)["action"]
+    return population.loss.act(seen)["action"]
 
 
 def test_policies_are_the_actors_without_their_noise(undisturbed):

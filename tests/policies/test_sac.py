@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from policies.training.cpu_settings import tune_cpu
-from policies.training.networks import ExploringPolicy, layers_of
+from policies.training.networks import layers_of
 from policies.training.optimization import FastSoftUpdate, FusedAdam
 from policies.training.sac import FastSACLoss, SACSettings, StackedSACLoss
 from sysid import InvalidInput
@@ -263,7 +263,7 @@ def test_probe_of_an_endless_reward_is_worth_the_discounted_sum():
 def test_probe_with_one_best_action_finds_it():
     sac = probe(COLD, lambda action: -((action - 0.5) ** 2), terminated=True, steps=700)
     nothing = TensorDict({"observation": torch.zeros(2, 1), "noise": torch.zeros(2, 1)}, [2])
-    best = ExploringPolicy(sac.loss.actor_leaves)(nothing)["action"].flatten()
+    best = sac.loss.act(nothing)["action"].flatten()
     assert best.tolist() == pytest.approx([0.5, 0.5], abs=0.15)
 
 
