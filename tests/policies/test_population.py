@@ -92,23 +92,6 @@ def test_a_population_goes_back_to_a_checkpoint_of_its_own_past(undisturbed, tmp
     assert population.curves == undisturbed.curves
 
 
-def test_a_save_that_fails_leaves_the_last_checkpoint_whole(tmp_path, monkeypatch):
-    path = tmp_path / "population.pt"
-    population = make()
-    population.train(5)
-    population.save(path)
-
-    def fails(content, file):
-        file.write(b"half of it")
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(torch, "save", fails)
-    population.train(5)
-    with pytest.raises(OSError, match="no space"):
-        population.save(path)
-    assert resumed(path).steps_done == 5
-
-
 def test_a_time_limit_is_no_terminal_state_and_hides_no_transition():
     population = make()
     population.train(230)

@@ -12,7 +12,6 @@ from study.mismatch.mismatch_plan import PLANS
 from study.mismatch.naming import (
     BUDGETS,
     FIRST,
-    MOST,
     NAMING_TABLE,
     NamingExperiment,
     NamingResult,
@@ -113,10 +112,6 @@ def tasks(plan, known, budgets, seeds):
     experiment = NamingExperiment(plan, Path("nowhere.csv"), budgets, seeds)
     experiment.rows = list(known)
     return experiment.left()
-
-
-def test_seeds_are_used_for_nothing_else():
-    assert min(PLAN.seeds) >= FIRST + MOST
 
 
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
