@@ -21,8 +21,7 @@ from study.strategies.catalogue import PLACES, strategy_called
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import STEPS, CaseRound
-from study.strategies.strategies_findings import strategies_sentences
-from study.strategies.strategies_page import LOOKS, returns_of_strategies
+from study.strategies.strategies_page import LOOKS, returns_of_strategies, strategies_sentences
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_experiment import trial_results
 from study.strategies.trial_findings import TrialResults, trial_findings
