@@ -85,9 +85,6 @@ def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
 """Of the groups of strategies (Okabe and Ito)."""
 
-PARTS = ("structure", "identification", "training", "tables")
-"""Of the gap to the optimum, over as many seeds as there are tables for."""
-
 CAPTION = (
     "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few rollouts, "
     "filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a mean left "
@@ -102,7 +99,7 @@ def account(plan: MismatchPlan, results: TrialResults) -> Account:
 
 def mismatch_account(found: MismatchFindings) -> Account:
     """What is told of the findings."""
-    nothing = dict(zip(PARTS, (math.nan, math.nan, math.nan, 0), strict=True))
+    nothing = {"structure": math.nan, "identification": math.nan, "training": math.nan, "tables": 0}
     return trial_account(
         found,
         mismatch_sentences(found),

@@ -44,9 +44,6 @@ LINES = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
 Summaries = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
 
-LEGEND = "bold: mean return; below: standard error over seeds"
-CLOSED = " · share of the gap from no data to the optimum"
-
 
 def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
     """Mean return +- SEM of every cell of each side, by title; the best cell is outlined.
@@ -63,7 +60,10 @@ def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) ->
         image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
         axes.set_title(title, fontsize=11.0, pad=8.0)
     panels[0].set_ylabel("rollouts measured, n")
-    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * across))
+    legend = "bold: mean return; below: standard error over seeds"
+    if budgets[0] == 0:
+        legend += " · share of the gap from no data to the optimum"
+    legend = textwrap.fill(legend, int(14.0 * across))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
     return figure
@@ -248,16 +248,12 @@ def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     return found
 
 
-THEIRS = "0.45"
-"""Colour of the published numbers."""
-
-
 def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
     """Every published contrast: bootstrap intervals as bars, t intervals as thin lines, there (grey) and here."""
     figure = Figure(figsize=(8.4, 1.2 + 0.36 * len(rows)), layout="constrained")
     axes = figure.add_subplot()
     for k, row in enumerate(rows):
-        _interval(axes, row.theirs, row.theirs_t, k - 0.16, THEIRS, "published")
+        _interval(axes, row.theirs, row.theirs_t, k - 0.16, "0.45", "published")
         if row.ours and row.ours_t:
             _interval(axes, row.ours, row.ours_t, k + 0.16, OURS, "here")
     axes.axvline(0.0, color=ACCENT, linewidth=1.0, zorder=1)
