@@ -218,12 +218,8 @@ def curves(findings: PointFindings) -> Figure:
                 continue
             steps = np.array([step for step, _ in table[0][:usable]]).reshape(-1, size)[:, -1]
             returns = np.array([[value for _, value in curve[:usable]] for curve in table])
-            axes.plot(
-                steps / 1000.0,
-                returns.reshape(len(table), -1, size).mean((0, 2)),
-                color=colour,
-                label=findings.label(w),
-            )
+            smooth = returns.reshape(len(table), -1, size).mean((0, 2))
+            axes.plot(steps / 1000.0, smooth, color=colour, label=findings.label(w))
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
     labelled = [axes for axes in panels if axes.lines]
