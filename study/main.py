@@ -68,9 +68,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     program, given = called("python -m study.main"), sys.argv[1:] if arguments is None else list(arguments)
     options, unknown = tyro.cli(Options, prog=program, args=given, return_unknown_args=True)
     if unknown:
-        known = ", ".join(map(_flag, dataclasses.fields(Options)))
+        known = ", ".join(f"--{f.name.rstrip('_').replace('_', '-')}" for f in dataclasses.fields(Options))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     return _study(options, f"{program} {shlex.join(given)}".strip())
 
 
@@ -135,17 +135,9 @@ def _executor(options: Options) -> Executor:
     return Processes(options.workers or here)
 
 
-def _flag(field: dataclasses.Field[object]) -> str:
-    return f"--{field.name.rstrip('_').replace('_', '-')}"
-
-
 def _fail(sentence: str, code: int) -> int:
     print(f"error: {sentence}", file=sys.stderr)
     return code
-
-
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -125,35 +125,6 @@ class StackedMLP(TensorDictModuleBase):
         return tensordict.update(dict(zip(self.out_keys, answers, strict=True)))
 
 
-def actor_and_critic(
-    agents: int, observation: int, action: int, hidden: Sequence[int]
-) -> tuple[StackedMLP, StackedMLP]:
-    """An actor and a critic an agent, for observations and actions of these sizes."""
-    actor = StackedMLP(agents, (observation, *hidden, 2 * action), ["observation"], ["loc", "log_std"])
-    sizes = (observation + action, *hidden, 1)
-    return actor, StackedMLP(agents, sizes, ["observation", "action"], ["state_action_value"])
-
-
-class ExploringPolicy(TensorDictModuleBase):
-    """observation (A, O), noise (A, D) -> action (A, D), by an actor's weights.
-
-    The ProbabilisticActor of the loss answers the same, and takes three times as long.
-    """
-
-    in_keys = ["observation", "noise"]  # noqa: RUF012
-    out_keys = ["action"]  # noqa: RUF012
-
-    def __init__(self, leaves: Sequence[Tensor]) -> None:
-        super().__init__()
-        self.leaves = leaves
-
-    @torch.no_grad()
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        loc, log_std = head(forward(with_ones(tensordict.get("observation").unsqueeze(1)), self.leaves)[-1])
-        action = torch.addcmul(loc, log_std.exp(), tensordict.get("noise").unsqueeze(1)).tanh_()
-        return tensordict.set("action", action.squeeze(1))
-
-
 def both_critics(tensordict: TensorDictBase, params: TensorDictBase) -> TensorDictBase:
     """Q (2, A, B) by parameters (2, A, ...) of critics: one pass in place of SACLoss's loop over the two."""
     x = with_ones(tensordict.get("observation"), tensordict.get("action"))

@@ -11,7 +11,10 @@ from torchrl.objectives import SoftUpdate
 
 
 class FusedAdam(torch.optim.Adam):
-    """torch's fused Adam, called without hooks, groups and checks: of a small network's step that saves a twentieth."""
+    """torch's fused Adam without hooks, groups and checks, which saves a twentieth of a small network's step.
+
+    `descend` takes the gradients and is called in place of torch's `step`, which knows nothing of `set_rate`.
+    """
 
     def __init__(self, numbers: Sequence[Tensor], rate: float, forgetting: float = 0.999) -> None:
         super().__init__(numbers, rate, betas=(0.9, forgetting), fused=True, capturable=numbers[0].is_cuda)
@@ -31,32 +34,18 @@ class FusedAdam(torch.optim.Adam):
         else:
             self._rate = rate
 
+    @torch.no_grad()
     def descend(self, gradients: Sequence[Tensor]) -> None:
         """One step against these gradients, in the order of the numbers."""
-        for number, gradient in zip(self.param_groups[0]["params"], gradients, strict=True):
-            number.grad = gradient
-        self.step()
-
-    @torch.no_grad()
-    def step(self, closure: None = None) -> None:  # type: ignore[override]
-        """One step of Adam against the gradients that the numbers hold.
-
-        Parameters
-        ----------
-        closure : None
-            Part of torch's interface; nothing is called.
-        """
         group = self.param_groups[0]
         numbers, (mean, square) = group["params"], group["betas"]
         names = ("exp_avg", "exp_avg_sq", "step")
         means, squares, steps = ([self.state[number][name] for number in numbers] for name in names)
         torch._foreach_add_(steps, 1.0)
         torch._fused_adam_(
-            numbers, [number.grad for number in numbers], means, squares, [], steps,
+            numbers, list(gradients), means, squares, [], steps,
             lr=self._rate, beta1=mean, beta2=square, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
         )  # fmt: skip
-
-    step.hooked = True  # type: ignore[attr-defined]
 
 
 class FastSoftUpdate(SoftUpdate):

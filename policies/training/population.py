@@ -1,11 +1,10 @@
 """Agents trained side by side in one process: each with its own pendulum, randomization, networks and seed.
 
-    population = population_of(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, [0, 1, 2], SHACSettings())
+    population = SHACPopulation(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, [0, 1, 2], SHACSettings())
     population.train(population.settings.steps)
     evaluate(population.policies()[0], machine, *start_states(seed=0))
 
-What an agent becomes depends on its own seed and randomization, not on its neighbours. Which algorithm trains them
-follows from the settings.
+What an agent becomes depends on its own seed and randomization, not on its neighbours.
 """
 
 from __future__ import annotations

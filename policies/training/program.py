@@ -60,18 +60,6 @@ class TrainedPolicy:
     seconds: float
 
 
-def population_of(
-    model: Model,
-    randomizations: Sequence[Randomization],
-    seeds: Sequence[int],
-    settings: TrainingSettings,
-    device: str = "cpu",
-    history: int = 0,
-) -> Population:
-    """Agents before their first step, of the algorithm that the settings belong to."""
-    return POPULATIONS[settings.algorithm](model, randomizations, seeds, settings, device, history)
-
-
 def settings_for(
     model: Model, hidden: Sequence[int] = (64, 64), steps: int | None = None, algorithm: str = "shac"
 ) -> TrainingSettings:
@@ -113,7 +101,8 @@ def train(
     has its own. Raises InvalidInput where the numbers run away, and for a checkpoint of another training.
     """
     begin = time.monotonic()
-    population = population_of(model, [randomization] * len(seeds), seeds, settings, history=history)
+    kind, randomizations = POPULATIONS[settings.algorithm], [randomization] * len(seeds)
+    population = kind(model, randomizations, seeds, settings, history=history)
     if checkpoint is not None and checkpoint.exists():
         population.resume(checkpoint)
     try:

@@ -56,13 +56,9 @@ class TransitionStorage(Storage):
         """The transitions at index (A, B), counted through all agents of the first step, then of the second, ..."""
         rows = self.rows.view(-1, self.rows.shape[-1]).index_select(0, index.flatten())
         columns = rows.view(*index.shape, -1).split(self.widths, -1)
-        return TensorDict(
-            {
-                key: column != 0.0 if dtype == torch.bool else column
-                for (key, dtype), column in zip(self.entries, columns, strict=True)
-            },
-            index.shape,
-        )
+        entries = zip(self.entries, columns, strict=True)
+        found = {key: column != 0.0 if dtype == torch.bool else column for (key, dtype), column in entries}
+        return TensorDict(found, index.shape)
 
     def __len__(self) -> int:
         return min(int(self.count), self.max_size)

@@ -27,6 +27,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.objectives import LossModule
@@ -227,18 +228,15 @@ class SHACPopulation(Population):
 
     def _prepare(self) -> None:
         settings, rate = self.settings, self.settings.learning_rate
-        shape = (settings.horizon, settings.environments, 1)
         which = torch.arange(settings.environments, device=self.device)
         self.env.steps.add_(which * self.env.horizon // settings.environments)
         self.value_optimizer = FusedAdam(self.loss.value_leaves, rate, FORGETTING)
         self.actor_optimizer = FusedAdam(self.loss.actor_leaves, rate, FORGETTING)
-        self._noise = RandomBlocks(
-            self.seeds,
-            Purpose.EXPLORATION,
-            lambda rng, _: rng.standard_normal(shape, dtype=np.float32),
-            self.device,
-            settings.horizon,
-        )
+
+        def normal(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
+            return rng.standard_normal((length, settings.environments, 1), dtype=np.float32)
+
+        self._noise = RandomBlocks(self.seeds, Purpose.EXPLORATION, normal, self.device, settings.horizon)
         self._finite = torch.ones((), dtype=torch.bool, device=self.device)
         self._ended = torch.zeros(*self.env.batch_size, 1, dtype=torch.bool, device=self.device)
         self.resumed()

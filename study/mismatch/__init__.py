@@ -2,6 +2,6 @@
 
 magnitudes, effect_cost     effects over their sizes, and their price
 mismatch_plan               plants, strategies, seeds and contrasts; measured: the rollouts of the cases
-mismatch_findings           what came out, and its answers in words; mismatch_page: figure and page
+mismatch_findings           what came out; mismatch_page: its answers in words, figure and page
 naming                      how many rollouts naming takes
 """

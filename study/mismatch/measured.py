@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +12,7 @@ from policies.environments.task import HORIZON
 from study.mismatch.magnitudes import MAGNITUDES
 from study.paper.protocol import BOUNDS
 from study.strategies.plant import SENSORS, BudgetedPlant
-from study.strategies.strategy import Dialogue, Play, Situation, Strategy
+from study.strategies.strategy import Play
 from study.trials.ground_truth import PRIOR, ground_truth, oracle
 from study.trials.hidden_plant import HiddenPlant
 from study.trials.rollout_budget import AT_ONCE
@@ -46,28 +44,15 @@ def rollouts(plant: HiddenPlant, seed: int, count: int) -> tuple[Record, ...]:
     return tuple(SENSORS["encoder"].measure(simulate(model, u, theta, theta_dot), rng))
 
 
-@dataclass(frozen=True, eq=False)
-class Unmeasured(Strategy):
-    """No rollouts: what is trained on is known beforehand."""
-
-    setup: TrainingSetup
-    least: ClassVar[int] = 0
-    most: ClassVar[int] = 0
-
-    def spend(self, situation: Situation) -> Dialogue:
-        return self.setup
-        yield  # a generator that asks for nothing
-
-
-def unmeasured(strategy: str, plant: HiddenPlant) -> Unmeasured:
+def known_setup(strategy: str, plant: HiddenPlant) -> TrainingSetup:
     """The hidden plant itself, which nobody knows; what an engineer would assume; or breadth over m, l and one effect
     of any kind at a time."""
     if strategy in ("oracle", "prior"):
-        return Unmeasured(TrainingSetup(oracle(plant) if strategy == "oracle" else PRIOR, Fixed()))
+        return TrainingSetup(oracle(plant) if strategy == "oracle" else PRIOR, Fixed())
     model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
     neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in MAGNITUDES[name].numbers(0.0).items()}
     kinds = tuple(plausible_ranges(model, name) for name in AT_ONCE)
-    return Unmeasured(TrainingSetup(model, SingleEffect({"m": BOUNDS, "l": BOUNDS}, kinds, neutral)))
+    return TrainingSetup(model, SingleEffect({"m": BOUNDS, "l": BOUNDS}, kinds, neutral))
 
 
 def plausible_ranges(model: Model, name: str) -> dict[str, tuple[float, float]]:

@@ -1,6 +1,4 @@
-"""What the experiment found: returns of every strategy at every plant and budget, contrasts, and parts of a gap; and
-the answers in words, which decide nothing. Single contrasts stand in the table.
-"""
+"""What the experiment found: returns of every strategy at every plant and budget, contrasts, and parts of a gap."""
 
 from __future__ import annotations
 
@@ -11,23 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.formatting import percent
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.naming import names
 from study.statistics import Contrast, paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD
-from study.strategies.trial_findings import (
-    Array,
-    PlannedContrast,
-    TrialFindings,
-    TrialResults,
-    cases_of,
-    trial_findings,
-)
+from study.strategies.trial_findings import PlannedContrast, TrialFindings, TrialResults, cases_of, trial_findings
 from study.strategies.trial_plan import Case, Condition
 from study.trials.hidden_plant import HiddenPlant
-from study.trials.rollout_budget import BAND
 from study.trials.training_setup import TrainingSetup, training_setup_of
+from sysid.physics.ops import Array
 
 
 class Verdict(NamedTuple):
@@ -67,7 +57,7 @@ class MismatchFindings(TrialFindings):
 
     def condition(self, plant: str, strategy: str, n: int) -> Condition:
         """With n rollouts where the strategy spends any."""
-        return Condition(plant, "encoder", strategy, min(n, self.plan.kind_of(strategy).most))
+        return self.plan.condition(self.plan.plant(plant), "encoder", strategy, n)
 
     def together(self, rows: Sequence[PlannedContrast]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
@@ -121,68 +111,3 @@ def _split(
         allowed = designed[plant.name, PLAIN_ROD, seed] if lacks else optimum
         rows.append((optimum - allowed, allowed - fitted, fitted - reached))
     return Split(*np.mean(rows, axis=0).tolist(), len(rows)) if rows else None
-
-
-@dataclass(frozen=True)
-class Change:
-    """What is told of the contrasts of strategy a with b.
-
-    text        with {counted}: how many stand, and their mean; {verdict}: whether they are better
-    catalogue   at which plants: whether the catalogue has their effect; None: those without one
-    """
-
-    a: str
-    b: str
-    text: str
-    catalogue: tuple[bool | None, ...] = (True, False, None)
-
-    def told(self, findings: MismatchFindings) -> str:
-        """The text; empty where the plan has no such contrasts."""
-        plants = {plant.name for plant in findings.plan.plants if plant.in_catalogue in self.catalogue}
-        rows = [row for row in findings.compared if (row.a, row.b) == (self.a, self.b) and row.plant in plants]
-        if not rows:
-            return ""
-        better, worse = (sum(row.certain and sign * row.contrast.mean > 0.0 for row in rows) for sign in (1, -1))
-        counted = f"{better} of {len(rows)} are better and {worse} worse after Holm's correction"
-        if len(rows) > 1:
-            counted += f", in the mean {findings.together(rows)} (not pre-registered)"
-        else:
-            counted += f" ({rows[0].contrast})"
-        verdict = "No" if better == 0 else "Yes" if better == len(rows) else "In part"
-        return self.text.format(counted=counted, verdict=verdict, band=percent(BAND))
-
-
-BREADTH = Change(
-    "band", "fitted", "{verdict}: with a band of ±{band} around the fitted m and l {counted}.", (True, False)
-)
-NAMING = Change("mended", "fitted", "Against m and l alone: {counted}.", (True,))
-UNKNOWN = Change(
-    "mended",
-    "fitted",
-    "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that the "
-    "log asks for. Against m and l alone: {counted}.",
-    (False,),
-)
-RIVALS = (
-    Change("mended", "all_effects", "against all effects fitted at once: {counted}"),
-    Change("mended", "network", "against a learned residual torque: {counted}"),
-)
-WITHOUT_ROLLOUTS = Change("breadth", "prior", "Breadth over everything plausible, against the prior: {counted}.")
-ORACLE = (
-    Change("oracle", "mended", "where the catalogue has the effect, {counted}", (True,)),
-    Change("oracle", "mended", "where it lacks it, {counted}", (False,)),
-)
-
-
-def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
-    """(question, answer), as far as the plan asked for it."""
-    rivals, oracle = ("; ".join(filter(None, (own.told(findings) for own in group))) for group in (RIVALS, ORACLE))
-    asked = {
-        "Does breadth pay when the simulator lacks an effect?": BREADTH.told(findings),
-        "What is it worth to name the effect?": NAMING.told(findings),
-        "What does an honest “unknown” buy?": UNKNOWN.told(findings),
-        "What else could the rollouts be spent on?": rivals and f"The diagnosis {rivals}.",
-        "And without any rollout?": WITHOUT_ROLLOUTS.told(findings),
-        "What is left?": oracle and f"Trained on the hidden plant itself, against the diagnosis: {oracle}.",
-    }
-    return [(question, text) for question, text in asked.items() if text]

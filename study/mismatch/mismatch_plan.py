@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from study.strategies.trial_plan import Case, TrialPlan
-from study.trials.hidden_plant import ALL_PLANTS, COULOMB, DELAY_LARGE, DELAY_MEDIUM, MAGNET
+from study.trials.hidden_plant import ALL_PLANTS, COULOMB, DELAY_LARGE, DELAY_MEDIUM, MAGNET, HiddenPlant
 
 if TYPE_CHECKING:
     from study.strategies.plant import BudgetedPlant
@@ -70,17 +70,13 @@ class MismatchPlan(TrialPlan):
     def centers(self) -> tuple[str, ...]:
         return tuple(strategy for strategy in self.strategies if STRATEGIES[strategy].center == strategy)
 
-    def kind_of(self, strategy: str) -> type[Strategy]:
-        from study.mismatch.measured import Unmeasured
-        from study.strategies.identified import Identified
+    def strategy_on(self, plant: HiddenPlant, name: str) -> Strategy:
+        from study.mismatch.measured import known_setup
+        from study.strategies.identified import Identified, Unmeasured
 
-        return Identified if STRATEGIES[strategy].group in ("plain", "mended") else Unmeasured
-
-    def strategy_of(self, case: Case) -> Strategy:
-        from study.mismatch.measured import unmeasured
-
-        kind = self.kind_of(case.strategy)
-        return kind(case.strategy) if kind.most else unmeasured(case.strategy, self.plant(case.plant))
+        if STRATEGIES[name].group in ("plain", "mended"):
+            return Identified(name)
+        return Unmeasured(lambda situation: known_setup(name, plant))
 
     def plant_of(self, case: Case) -> BudgetedPlant:
         from study.mismatch.measured import MeasuredPlant

@@ -21,7 +21,7 @@ import numpy as np
 
 from study.formatting import number, signed
 from study.paper import published_numbers as paper
-from study.paper.finished_runs import Outcomes
+from study.paper.finished_runs import TOLERANCE, Outcomes
 from study.paper.presets import PAPER, Preset
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, CellSummary, PublishedContrast, Spot
 from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
@@ -29,8 +29,6 @@ from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student
 MARGIN = 20.0
 """Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""
 SAME, DIFFERS, OPEN = "same", "differs", "open"
-THETA_TOLERANCE = 1e-6
-"""Estimates [kg, m] closer than this are the same cell of the grid."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +157,7 @@ class Agreement:
         if len(seeds) < 2:
             return (), "fewer than two shared seeds"
         pairs = ((self.ours.table[spot][s].theta_hat, self.theirs.table[spot][s].theta_hat) for s in seeds)
-        apart = [s for s, (a, b) in zip(seeds, pairs, strict=True) if math.dist(a, b) > THETA_TOLERANCE]
+        apart = [s for s, (a, b) in zip(seeds, pairs, strict=True) if math.dist(a, b) > TOLERANCE]
         return seeds, f"other theta_hat at seed {apart[0]}" if apart else ""
 
     def _reason(self, outlier: Outlier | None) -> str:

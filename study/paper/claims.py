@@ -18,7 +18,7 @@ from study.formatting import MINUS, bracketed, number, percent, signed
 from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
-from study.statistics import Contrast, paired_t, sem, student
+from study.statistics import Contrast, paired_t
 
 HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"
 NEAR = 20.0
@@ -67,7 +67,7 @@ def bias(found: Scatter) -> Claim:
     """Does noise in the predictor's inputs bias the fit, or only scatter it?"""
     last, truth = found.budgets[-1], np.array(found.truth)
     noisy, clean = found.thetas(1.0, 50) - truth, found.thetas(1.0, 50, clean=True) - truth
-    m, l = (student(float(x.mean()), sem(x), len(x)) for x in noisy.T)  # noqa: E741
+    m, l = map(paired_t, noisy.T)  # noqa: E741
     sd = np.std(noisy, axis=0, ddof=1)
     share = (m.mean**2 + l.mean**2) / float(np.mean(np.sum(noisy**2, axis=1)))
     free = noisy[~found.edge(1.0, 50), 0]
@@ -253,8 +253,7 @@ def undertraining(
 
 def slope(curves: Sequence[Curve]) -> Contrast:
     """Rise of the training return per 10,000 steps over the last third of training, with its t interval over seeds."""
-    values = [_slope(np.array(curve, dtype=float)) for curve in curves]
-    return student(float(np.mean(values)), sem(values), len(values))
+    return paired_t([_slope(np.array(curve, dtype=float)) for curve in curves])
 
 
 def _slope(curve: NDArray[np.float64]) -> float:

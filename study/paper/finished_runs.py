@@ -190,7 +190,7 @@ def read_published(folder: Path) -> Outcomes:
 
 
 TOLERANCE = 1e-6
-"""Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
+"""Difference of m [kg] and of l [m] up to which two estimates are one: the paper's are cells of a grid."""
 
 
 def read_import(file: Path, preset: Preset) -> list[Run]:

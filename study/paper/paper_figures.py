@@ -44,9 +44,6 @@ LINES = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
 Summaries = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
 
-LEGEND = "bold: mean return; below: standard error over seeds"
-CLOSED = " · share of the gap from no data to the optimum"
-
 
 def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
     """Mean return +- SEM of every cell of each side, by title; the best cell is outlined.
@@ -63,7 +60,10 @@ def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) ->
         image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
         axes.set_title(title, fontsize=11.0, pad=8.0)
     panels[0].set_ylabel("rollouts measured, n")
-    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * across))
+    legend = "bold: mean return; below: standard error over seeds"
+    if budgets[0] == 0:
+        legend += " · share of the gap from no data to the optimum"
+    legend = textwrap.fill(legend, int(14.0 * across))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
     return figure
@@ -218,12 +218,8 @@ def curves(findings: PointFindings) -> Figure:
                 continue
             steps = np.array([step for step, _ in table[0][:usable]]).reshape(-1, size)[:, -1]
             returns = np.array([[value for _, value in curve[:usable]] for curve in table])
-            axes.plot(
-                steps / 1000.0,
-                returns.reshape(len(table), -1, size).mean((0, 2)),
-                color=colour,
-                label=findings.label(w),
-            )
+            smooth = returns.reshape(len(table), -1, size).mean((0, 2))
+            axes.plot(steps / 1000.0, smooth, color=colour, label=findings.label(w))
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
     labelled = [axes for axes in panels if axes.lines]
@@ -238,22 +234,14 @@ def curves(findings: PointFindings) -> Figure:
 
 def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
-    cells = findings.summaries
-    found = {
-        "heatmap": lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed()),
-        "pareto": lambda: paretos({"What the next rollout is worth": cells}, findings.allowed()),
-        "curves": lambda: curves(findings),
-    }
-    telling = {
-        "heatmap": len(cells) > 1,
-        "pareto": len(findings.point.budgets) > 1,
-        "curves": any(run.curve for run in findings.runs),
-    }
-    return {name: draw for name, draw in found.items() if telling[name]}
-
-
-THEIRS = "0.45"
-"""Colour of the published numbers."""
+    cells, found = findings.summaries, dict[str, Callable[[], Figure]]()
+    if len(cells) > 1:
+        found["heatmap"] = lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed())
+    if len(findings.point.budgets) > 1:
+        found["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.allowed())
+    if any(run.curve for run in findings.runs):
+        found["curves"] = lambda: curves(findings)
+    return found
 
 
 def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
@@ -261,7 +249,7 @@ def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
     figure = Figure(figsize=(8.4, 1.2 + 0.36 * len(rows)), layout="constrained")
     axes = figure.add_subplot()
     for k, row in enumerate(rows):
-        _interval(axes, row.theirs, row.theirs_t, k - 0.16, THEIRS, "published")
+        _interval(axes, row.theirs, row.theirs_t, k - 0.16, "0.45", "published")
         if row.ours and row.ours_t:
             _interval(axes, row.ours, row.ours_t, k + 0.16, OURS, "here")
     axes.axvline(0.0, color=ACCENT, linewidth=1.0, zorder=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -203,16 +203,12 @@ class PointFindings:
         seeds = len(self.point.seeds)
         if seeds == 1:
             return "A single seed says nothing of how returns scatter: no interval is finite, no difference stands."
+        coverage = bootstrap_coverage(seeds, np.random.default_rng(0))
         return (
             f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
-            f"interval holds the true mean in about {100 * _coverage(seeds):.0f} % of cases rather than 95 % "
+            f"interval holds the true mean in about {100 * coverage:.0f} % of cases rather than 95 % "
             "(simulated, normal differences)."
         )
-
-
-@cache
-def _coverage(seeds: int) -> float:
-    return bootstrap_coverage(seeds, np.random.default_rng(0))
 
 
 def _parts(gap: Gap) -> str:

@@ -33,7 +33,6 @@ from sysid.data.files import partial, write_whole
 if TYPE_CHECKING:
     from policies import Population, SACSettings
     from policies.network_policy import NetworkPolicy
-    from policies.training.population import TrainingSettings
 
 
 FOLDER = "policies"
@@ -179,15 +178,6 @@ class PopulationTask(Task):
                 link.saved()
             if stop:
                 raise Stopped
-
-
-def training_settings(settings: StudySettings) -> TrainingSettings:
-    """Of the agents of a preset or plan, by its algorithm."""
-    if settings.algorithm == "sac":
-        return sac_settings(settings)
-    from policies import SHACSettings
-
-    return SHACSettings(hidden=settings.hidden, steps=settings.steps)
 
 
 def sac_settings(settings: StudySettings) -> SACSettings:

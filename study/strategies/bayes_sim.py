@@ -11,11 +11,10 @@ import numpy as np
 
 from policies.environments import task
 from policies.environments.randomization import Mixture
-from policies.evaluation import Episodes, Policy, rollout
 from study.strategies.readings import reads_angles, sensed, smooth, summary_statistics
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from study.trials.training_setup import TrainingSetup
-from sysid import Model, Record, simulate
+from sysid import Record, simulate
 from sysid.physics.ops import Array
 
 
@@ -79,14 +78,6 @@ def statistics(situation: Situation, u: Array, theta: Array, theta_dot: Array) -
     """Of readings (..., N+1) under torques (..., N), smoothed; angles enter where they were read all the time."""
     angle, speed = smooth(theta, theta_dot, situation.sensor, situation.prior.dt)
     return summary_statistics(u, speed, angle if reads_angles(theta) else None)
-
-
-def played(situation: Situation, policy: Policy, model: Model, starts: Array, whole: bool) -> tuple[Array, Episodes]:
-    """Statistics (E, F) of simulated episodes of a policy from starts (2, E), as the sensors read them; and these."""
-    run = rollout(policy, model, *starts)
-    situation.simulated += run.u.size
-    readings = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, situation.rng)
-    return statistics(situation, run.u[:-1].T, *readings), run
 
 
 class DensityNetwork:

@@ -89,10 +89,7 @@ def unit(situation: Situation, w: float) -> Array:
     return np.append((situation.believed - low) / (high - low), w / WIDEST)
 
 
-Batch = Generator[Any, Any, tuple[list[TrainedAgent], Array]]
-
-
-def tried(situation: Situation, xs: Array) -> Batch:
+def tried(situation: Situation, xs: Array) -> Generator[Any, Any, tuple[list[TrainedAgent], Array]]:
     """Agents of candidates (C, D), trained side by side, and what each returned (C,)."""
     agents = yield Train(tuple(band(situation, x) for x in xs))
     returns = []

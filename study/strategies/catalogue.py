@@ -11,16 +11,16 @@ if TYPE_CHECKING:
     from study.strategies.strategy import Strategy
 
 PLACES = {
-    "prior": "identified:PriorAlone",
-    "prior_range": "identified:WholePriorRange",
-    "point": "identified:PointEstimate",
-    "grid": "identified:GridEstimate",
-    "kalman": "identified:KalmanEstimate",
-    "band": "identified:RelativeBand",
-    "posterior": "identified:PosteriorOfFit",
+    "prior": "identified:PRIOR_ALONE",
+    "prior_range": "identified:WHOLE_PRIOR_RANGE",
+    "point": "identified:POINT_ESTIMATE",
+    "grid": "identified:GRID_ESTIMATE",
+    "kalman": "identified:KALMAN_ESTIMATE",
+    "band": "identified:RELATIVE_BAND",
+    "posterior": "identified:POSTERIOR_OF_FIT",
     "designed": "identified:DesignedExcitation",
-    "mended": "identified:MendedModel",
-    "random_force": "identified:UnderRandomForce",
+    "mended": "identified:MENDED_MODEL",
+    "random_force": "identified:UNDER_RANDOM_FORCE",
     "simopt": "simopt:SimOpt",
     "auto_tuned": "learned_search:AutoTuned",
     "adapt_sim": "learned_search:AdaptSim",
@@ -31,12 +31,17 @@ PLACES = {
     "fine_tuning": "learning:FineTuning",
     "scratch": "learning:FromScratch",
 }
-"""Where each is: module of this package, and class. In the order in which they are shown."""
+"""Where each is: module of this package, and the class or the strategy in it. In the order in which they are shown."""
+
+
+def strategy_called(name: str) -> Strategy:
+    """The strategy of that name. Raises InvalidInput for an unknown one, and for a file without such a class."""
+    found = _found(name)
+    return found() if isinstance(found, type) else found
 
 
 @cache
-def strategy_class(name: str) -> type[Strategy]:
-    """The class of that name. Raises InvalidInput for an unknown one, and for a file without such a class."""
+def _found(name: str) -> type[Strategy] | Strategy:
     from study.strategies.strategy import Strategy
     from sysid import InvalidInput
     from sysid.data.files import read_file

@@ -1,8 +1,9 @@
-"""Strategies that spend their rollouts on identification, and train once on what came out."""
+"""Strategies that train once: without rollouts, or on what came out of their identification."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -21,37 +22,32 @@ SPLIT_ROLLOUTS = 1
 """Played at random before anything can be designed."""
 
 
-@dataclass(frozen=True)
-class PriorAlone(Strategy):
-    """No rollouts: the agent is trained at what an engineer would assume."""
+@dataclass(frozen=True, eq=False)
+class Unmeasured(Strategy):
+    """No rollouts: what is trained on is known beforehand."""
 
-    short: ClassVar[str] = "prior"
+    setup: Callable[[Situation], TrainingSetup]
+    short: str = ""
+    source: str = ""
     group: ClassVar[str] = "nothing"
     least: ClassVar[int] = 0
     most: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
-        """Training at the prior's own numbers, without a rollout."""
-        return TrainingSetup(situation.prior, Band(situation.named(situation.believed)))
+        """Training on the setup, without a rollout."""
+        return self.setup(situation)
         yield  # a generator that asks for nothing
 
 
-@dataclass(frozen=True)
-class WholePriorRange(Strategy):
-    """No rollouts: every episode draws the parameters from all that is plausible. Tobin et al., "Domain randomization
-    for transferring deep neural networks from simulation to the real world", IROS 2017; Peng et al., ICRA 2018, of whom
-    the policy's memory is left out but for its last commands."""
+PRIOR_ALONE = Unmeasured(lambda own: TrainingSetup(own.prior, Band(own.named(own.believed))), "prior")
+"""The agent is trained at what an engineer would assume."""
 
-    short: ClassVar[str] = "prior range"
-    source: ClassVar[str] = "Tobin 2017, Peng 2018"
-    group: ClassVar[str] = "nothing"
-    least: ClassVar[int] = 0
-    most: ClassVar[int] = 0
-
-    def spend(self, situation: Situation) -> Dialogue:
-        """Training over the whole prior range, without a rollout."""
-        return TrainingSetup(situation.prior, PriorRange(situation.names))
-        yield
+WHOLE_PRIOR_RANGE = Unmeasured(
+    lambda own: TrainingSetup(own.prior, PriorRange(own.names)), "prior range", "Tobin 2017, Peng 2018"
+)
+"""Every episode draws the parameters from all that is plausible. Tobin et al., "Domain randomization for transferring
+deep neural networks from simulation to the real world", IROS 2017; Peng et al., ICRA 2018, of whom the policy's memory
+is left out but for its last commands."""
 
 
 @lru_cache(maxsize=4)
@@ -65,6 +61,9 @@ class Identified(Strategy):
     """All rollouts under random torques, and then one of the setups that can be made of them (`Budget.setup`)."""
 
     made: str
+    short: str = ""
+    source: str = ""
+    needs_angle: bool = False
 
     def spend(self, situation: Situation) -> Dialogue:
         """All rollouts at once, then the setup that is made of them."""
@@ -72,69 +71,27 @@ class Identified(Strategy):
         return budget_of(tuple(records), situation.sensor, situation.seed).setup(self.made)
 
 
-@dataclass(frozen=True)
-class PointEstimate(Identified):
-    """Least squares for m and l over whole rollouts (output error), and training at the estimate."""
+POINT_ESTIMATE = Identified("fitted", "point estimate")
+"""Least squares for m and l over whole rollouts (output error), and training at the estimate."""
 
-    made: str = "fitted"
-    short: ClassVar[str] = "point estimate"
+GRID_ESTIMATE = Identified("grid", "paper's grid", "the paper", needs_angle=True)
+"""The paper's grid search for m and l, over single steps of the same readings."""
 
+KALMAN_ESTIMATE = Identified("kalman", "Kalman filter", needs_angle=True)
+"""The estimate of m and l by an unscented Kalman filter over the same readings, and training there."""
 
-@dataclass(frozen=True)
-class GridEstimate(Identified):
-    """The paper's grid search for m and l, over single steps of the same readings."""
+RELATIVE_BAND = Identified("band", "band, 30 %", "the paper")
+"""The point estimate with a band of +- 30 % about it: the paper's randomization."""
 
-    made: str = "grid"
-    short: ClassVar[str] = "paper's grid"
-    source: ClassVar[str] = "the paper"
-    needs_angle: ClassVar[bool] = True
+POSTERIOR_OF_FIT = Identified("fitted_posterior", "posterior")
+"""The fit's normal distribution of m and l instead of a point."""
 
+UNDER_RANDOM_FORCE = Identified("random_force", "random force", "Valassakis 2020", needs_angle=True)
+"""The point estimate, and random torques in training. Valassakis, Ding and Johns, "Crossing the gap", IROS 2020; size
+and memory of the torques are those that the rollouts leave unexplained, where the source tunes them."""
 
-@dataclass(frozen=True)
-class KalmanEstimate(Identified):
-    """The estimate of m and l by an unscented Kalman filter over the same readings, and training there."""
-
-    made: str = "kalman"
-    short: ClassVar[str] = "Kalman filter"
-    needs_angle: ClassVar[bool] = True
-
-
-@dataclass(frozen=True)
-class RelativeBand(Identified):
-    """The point estimate with a band of +- 30 % about it: the paper's randomization."""
-
-    made: str = "band"
-    short: ClassVar[str] = "band, 30 %"
-    source: ClassVar[str] = "the paper"
-
-
-@dataclass(frozen=True)
-class PosteriorOfFit(Identified):
-    """The fit's normal distribution of m and l instead of a point."""
-
-    made: str = "fitted_posterior"
-    short: ClassVar[str] = "posterior"
-
-
-@dataclass(frozen=True)
-class UnderRandomForce(Identified):
-    """The point estimate, and random torques in training. Valassakis, Ding and Johns, "Crossing the gap", IROS 2020;
-    size and memory of the torques are those that the rollouts leave unexplained, where the source tunes them."""
-
-    made: str = "random_force"
-    short: ClassVar[str] = "random force"
-    source: ClassVar[str] = "Valassakis 2020"
-    needs_angle: ClassVar[bool] = True
-
-
-@dataclass(frozen=True)
-class MendedModel(Identified):
-    """This project's: the missing effect is named, added and fitted; where it is unknown, random torques."""
-
-    made: str = "mended"
-    short: ClassVar[str] = "mended model"
-    source: ClassVar[str] = "this project"
-    needs_angle: ClassVar[bool] = True
+MENDED_MODEL = Identified("mended", "mended model", "this project", needs_angle=True)
+"""This project's: the missing effect is named, added and fitted; where it is unknown, random torques."""
 
 
 @dataclass(frozen=True)

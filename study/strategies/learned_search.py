@@ -17,13 +17,21 @@ from scipy.special import expit
 from policies.control.dynamic_programming import Grid, solve
 from policies.environments import task
 from policies.environments.randomization import Band
-from policies.evaluation import Policy
-from study.strategies.bayes_sim import played, statistics
-from study.strategies.readings import reads_angles
+from policies.evaluation import Episodes, Policy, rollout
+from study.strategies.bayes_sim import statistics
+from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
 from sysid import Model, Sensor
 from sysid.physics.ops import Array
+
+
+def played(situation: Situation, policy: Policy, model: Model, starts: Array, whole: bool) -> tuple[Array, Episodes]:
+    """Statistics (E, F) of simulated episodes of a policy from starts (2, E), as the sensors read them; and these."""
+    run = rollout(policy, model, *starts)
+    situation.simulated += run.u.size
+    readings = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, situation.rng)
+    return statistics(situation, run.u[:-1].T, *readings), run
 
 
 class EpisodeNetwork:

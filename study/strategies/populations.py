@@ -21,12 +21,11 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from policies import Population, SACPopulation
+from policies import Population, SACPopulation, SHACPopulation, SHACSettings
 from policies.environments import task
 from policies.environments.randomization import Fixed
 from policies.evaluation import batch_returns, fresh_start_states
-from policies.training.program import population_of
-from study.pipeline.population_task import PopulationTask, sac_settings, training_settings
+from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.settings import digest, partition, versions
 from study.pipeline.tables import ResultTable
 from study.strategies.session import CRITICS
@@ -95,7 +94,7 @@ class GoesOnLearning(SACPopulation):
     """A population whose first steps, before any update, take its own actions and not uniform ones."""
 
     def _explore(self) -> None:
-        self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
+        self._move(self.loss.act(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
         self._k.add_(1)
 
 
@@ -124,8 +123,11 @@ class AgentPopulation(PopulationTask):
         """The agents on the machines and draws of their setups, before their first step."""
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
-        machine = together(setups, self.device)
-        return population_of(machine, drawn, seeds, training_settings(self.plan), self.device, self.plan.history)
+        machine, plan = together(setups, self.device), self.plan
+        if plan.algorithm == "sac":
+            return SACPopulation(machine, drawn, seeds, sac_settings(plan), self.device, plan.history)
+        settings = SHACSettings(hidden=plan.hidden, steps=plan.steps)
+        return SHACPopulation(machine, drawn, seeds, settings, self.device, plan.history)
 
     def answers(self, population: Any, seconds: float) -> list[Trained]:
         """The trained agents on the hidden plants, in order."""

@@ -85,25 +85,21 @@ def advance(
                 answer = plant.run(request.agent.policy, request.rollouts, request.at_rest)
             case Train():
                 own = [key_of(setup, situation.seed, request.critics) for setup in request.setups]
-                if any(found(key) is None for key in own):
+                policies = [found(key) for key in own]
+                if None in policies:
                     return Waiting(dict(zip(own, request.setups, strict=True)))
                 keys += [key for key in own if key not in keys]
-                answer = tuple(_agent(key, found) for key in own)
+                answer = tuple(map(TrainedAgent, own, policies))
             case Learn():
                 plant.spend(request.rollouts)
                 start = request.start.key if request.start else ""
                 key = f"{digest([where, start, request.rollouts])}-{situation.seed}"
-                if found(key) is None:
+                policy = found(key)
+                if policy is None:
                     return Waiting({}, learn=(key, start, request.rollouts))
-                answer = _agent(key, found)
+                answer = TrainedAgent(key, policy)
             case _:
                 raise InvalidInput(f"a strategy asked for {request!r}: expected Play, Try, Train or Learn")
-
-
-def _agent(key: str, found: Found) -> Any:
-    policy = found(key)
-    assert policy is not None
-    return TrainedAgent(key, policy)
 
 
 @dataclass(frozen=True)
@@ -155,7 +151,7 @@ def steps(
 
 def step(plan: TrialPlan, case: Case, found: Found) -> dict[str, Any]:
     """How far a case's dialogue comes with the agents that are found. Raises InvalidInput as `advance` does."""
-    strategy, plant = plan.strategy_of(case), plan.plant_of(case)
+    strategy, plant = plan.strategy_on(plan.plant(case.plant), case.strategy), plan.plant_of(case)
     strategy.check(case.strategy, case.n, case.sensing)
     rng = np.random.default_rng([case.seed, int(digest(case.strategy), 16)])
     situation = Situation(PRIOR, plant.sensor, case.n, case.seed, rng)

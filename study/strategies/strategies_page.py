@@ -1,6 +1,7 @@
-"""The strategies experiment, told: figures and page.
+"""The strategies experiment, told: answers in words, figure and page.
 
-A panel a plant: how far strategies fall short of the optimum over the rollouts, or with one budget their returns.
+The figure has a panel a plant: how far strategies fall short of the optimum over the rollouts, or with one budget their
+returns.
 """
 
 from __future__ import annotations
@@ -16,13 +17,88 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
-from study.formatting import percent
+from study.formatting import number, percent, signed
 from study.pipeline.publication import Account
-from study.strategies.catalogue import strategy_class
-from study.strategies.strategies_findings import strategies_sentences
+from study.strategies.catalogue import strategy_called
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
 from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
 from study.strategies.trial_findings import NEAR, Outcome, TrialFindings, TrialResults, trial_account, trial_findings
+
+FEW = 5
+"""Seeds below which a mean says little."""
+
+
+def strategies_sentences(findings: TrialFindings) -> list[tuple[str, str]]:
+    """Pairs of question and answer."""
+    found = [
+        ("How many rollouts does it take?", _arrivals(findings)),
+        ("Which strategy beats the point estimate?", _contrasts(findings)),
+    ]
+    if any(np.isfinite(o.observed).any() for o in findings.outcomes.values()):
+        found.append(("What is the best return worth that was seen?", _curse(findings)))
+    return found
+
+
+def _arrivals(findings: TrialFindings) -> str:
+    """Who comes within NEAR of the optimum first, on every plant."""
+    told = []
+    for plant, sensing in findings.plan.places:
+        own = {s: findings.arrived(plant.name, sensing, s) for s in findings.plan.strategies}
+        there = {s: n for s, n in own.items() if n is not None}
+        seeds = max(len(o.seeds) for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing) and c.n)
+        where = f"On the plant with {plant.title}" if plant.effect else "On the paper's plant"
+        where += f" ({sensing}, {seeds} seeds)"
+        if not there:
+            told.append(f"{where} no strategy comes within {percent(NEAR)} of the optimum.")
+            continue
+        least = min(there.values())
+        first = [strategy_called(s).short for s, n in there.items() if n == least]
+        told.append(
+            f"{where} {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
+            f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(own)} do so within the "
+            "budgets that were run."
+        )
+    return " ".join(told) + _caution(findings)
+
+
+def _contrasts(findings: TrialFindings) -> str:
+    compared = findings.compared
+    if not compared:
+        return "No contrast was planned between these strategies."
+    certain = [c for c in compared if c.certain]
+    better = [c for c in certain if c.contrast.mean > 0.0]
+    text = (
+        f"Of {len(compared)} contrasts that were fixed beforehand, {len(better)} certainly favour the other strategy "
+        f"and {len(certain) - len(better)} the point estimate, after Holm's correction over all of them."
+    )
+    if certain:
+        most = max(certain, key=lambda c: abs(c.contrast.mean))
+        short = strategy_called(most.a).short
+        text += f" The largest: {short} with {most.n} rollouts on {most.plant}, {most.contrast}."
+    return text
+
+
+def _curse(findings: TrialFindings) -> str:
+    """Observed returns of the best candidates against what these return when they are evaluated anew. Candidates are
+    compared from rest and evaluated from the task's starts, so the two are no one scale; deployed is held against."""
+    told = []
+    for strategy in findings.plan.strategies:
+        own = [o for c, o in findings.outcomes.items() if c.strategy == strategy and np.isfinite(o.best).any()]
+        if own:
+            gain = float(np.mean(np.concatenate([o.returns - o.best for o in own])))
+            told.append(f"{strategy_called(strategy).short}: what it deploys returns {signed(gain)} against its best "
+                        f"candidate so far, evaluated anew ({number(np.mean([o.anew for o in own]))})")  # fmt: skip
+    return "; ".join(told) + "." + _caution(findings)
+
+
+def _caution(findings: TrialFindings) -> str:
+    seeds = len(findings.plan.seeds)
+    return f" With {seeds} seed{'s' * (seeds != 1)} these are no findings yet." if seeds < FEW else ""
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
 
 GROUPS = {
     "nothing": "no rollouts",
@@ -53,7 +129,7 @@ def _lines(findings: TrialFindings) -> Figure:
     """How far the means fall short of the optimum, all panels to one scale that has the optimum above: a row a group,
     with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
-    groups = {g: [s for s in plan.strategies if strategy_class(s).group == g] for g in GROUPS}
+    groups = {g: [s for s in plan.strategies if strategy_called(s).group == g] for g in GROUPS}
     context = [s for s in plan.strategies if s == BASELINE or s in groups["nothing"]]
     grey = {s: {"color": "0.6", "marker": "o" if s == BASELINE else "x+"[k % 2]} for k, s in enumerate(context)}
     spending = {group: own for group, own in groups.items() if own and group != "nothing"}
@@ -78,7 +154,7 @@ def _lines(findings: TrialFindings) -> Figure:
                         xycoords=panels[0].get_yaxis_transform())  # fmt: skip
         panels[0].set_ylabel(f"{GROUPS[group]}\nshort of the optimum by")
         for strategy, look in sorted(looks.items(), key=lambda item: item[0] not in own):
-            key.plot([], [], label=strategy_class(strategy).short, linewidth=1.4, markersize=4.5, **look)
+            key.plot([], [], label=strategy_called(strategy).short, linewidth=1.4, markersize=4.5, **look)
         key.legend(loc="center left", fontsize=8.5)
         key.set_axis_off()
     for (plant, sensing), top, bottom in zip(plan.places, rows[0], rows[-1], strict=False):
@@ -103,7 +179,7 @@ def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look:
 
 def _rows(findings: TrialFindings) -> Figure:
     """With a grey line that continues the point estimate."""
-    figure = returns_in_rows(findings, strategy_class, INKS)
+    figure = returns_in_rows(findings, strategy_called, INKS)
     for axes, (plant, sensing) in zip(figure.axes, findings.plan.places, strict=True):
         for outcome in findings.line(plant.name, sensing, BASELINE).values():
             axes.axvline(outcome.mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
@@ -131,5 +207,5 @@ def account(plan: StrategiesPlan, results: TrialResults) -> Account:
         strategies_sentences(found),
         (partial(returns_of_strategies, found), CAPTION if found.several else ROWS_CAPTION),
         "strategies.html.j2",
-        {"strategies": {name: strategy_class(name) for name in plan.strategies}},
+        {"strategies": {name: strategy_called(name) for name in plan.strategies}},
     )

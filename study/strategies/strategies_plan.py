@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from study.strategies.catalogue import PLACES, strategy_class
+from study.strategies.catalogue import PLACES, strategy_called
 from study.strategies.trial_plan import Case, TrialPlan
-from study.trials.hidden_plant import COULOMB, DELAY_MEDIUM, MAGNET, PLAIN
+from study.trials.hidden_plant import COULOMB, DELAY_MEDIUM, MAGNET, PLAIN, HiddenPlant
 
 if TYPE_CHECKING:
     from study.strategies.plant import BudgetedPlant
@@ -51,11 +51,8 @@ class StrategiesPlan(TrialPlan):
         all_of_them = self.name in PLANS and self.strategies == PLANS[self.name].strategies
         return super().arguments + ("" if all_of_them else f" --strategies {','.join(self.strategies)}")
 
-    def kind_of(self, strategy: str) -> type[Strategy]:
-        return strategy_class(strategy)
-
-    def strategy_of(self, case: Case) -> Strategy:
-        return strategy_class(case.strategy)()
+    def strategy_on(self, plant: HiddenPlant, name: str) -> Strategy:
+        return strategy_called(name)
 
     def plant_of(self, case: Case) -> BudgetedPlant:
         from study.strategies.plant import BudgetedPlant
@@ -66,7 +63,7 @@ class StrategiesPlan(TrialPlan):
     def seeds_of(self, strategy: str, sensing: str, n: int) -> tuple[int, ...]:
         """All seeds where a contrast needs them and training allows it, else the first ones."""
         named = n in self.contrasted and sensing == self.sensings[0]
-        if strategy_class(strategy).in_rounds:
+        if strategy_called(strategy).in_rounds:
             return self.seeds[: self.in_rounds if named else self.described]
         return self.seeds if named or n == 0 else self.seeds[: self.described]
 
@@ -76,7 +73,7 @@ class StrategiesPlan(TrialPlan):
         Raises InvalidInput for an unknown strategy, and for one that is named twice.
         """
         for name in names:
-            strategy_class(name)
+            strategy_called(name)
             if names.count(name) > 1:
                 from sysid import InvalidInput
 

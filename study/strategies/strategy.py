@@ -172,11 +172,10 @@ class Strategy(ABC):
     def spend(self, situation: Situation) -> Dialogue:
         """Ask for rollouts and trainings, and return what the final agent is."""
 
-    @classmethod
-    def check(cls, name: str, budget: int, sensing: str) -> None:
+    def check(self, name: str, budget: int, sensing: str) -> None:
         """Raise InvalidInput for a budget or readings that it cannot use."""
-        if cls.needs_angle and sensing != "encoder":
+        if self.needs_angle and sensing != "encoder":
             raise InvalidInput(f"strategy {name!r} was given sensing {sensing!r}: expected encoder, it needs angles")
-        if not cls.least <= budget <= cls.most:
-            wanted = "none" if cls.most == 0 else f"at least {cls.least}"
+        if not self.least <= budget <= self.most:
+            wanted = "none" if self.most == 0 else f"at least {self.least}"
             raise InvalidInput(f"strategy {name!r} was given {budget} rollouts: expected {wanted}")

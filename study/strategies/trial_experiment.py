@@ -87,10 +87,10 @@ class TrialExperiment(StudyExperiment):
 
     def _designs(self, waited: Sequence[CaseRound]) -> Iterator[BriefTask]:
         """What the optimum returns, and what is designed on the models of the plan's centers."""
-        fitted = [step for step in waited if step.case.strategy in self.plan.centers and "answer" in step.payload]
         models = (
             (step.case.plant, step.case.seed, step.payload["setups"][step.payload["answer"]["deployed"]])
-            for step in fitted
+            for step in waited
+            if step.case.strategy in self.plan.centers and "answer" in step.payload
         )
         return design_tasks(self.plan, self.results, models)
 
@@ -114,10 +114,8 @@ class TrialExperiment(StudyExperiment):
                 groups[case.plant, case.sensing, case.seed].append(case)
         for (plant, sensing, seed), cases in groups.items():
             kept = {key: stems[key] for key in sorted(set().union(*(own[case] for case in cases)))}
-            name, work = (
-                f"round {current} on {plant} ({sensing}), seed {seed}",
-                sum(0.5 + 0.3 * case.n for case in cases),
-            )
+            name = f"round {current} on {plant} ({sensing}), seed {seed}"
+            work = sum(0.5 + 0.3 * case.n for case in cases)
             arguments = (self.plan, current, tuple(cases), kept, self.results.folder.resolve())
             yield BriefTask(name, "strategies", work, STEPS, steps, arguments)
 

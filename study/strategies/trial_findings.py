@@ -15,7 +15,7 @@ from study.pipeline.database import Database
 from study.pipeline.publication import Account, Drawing, Section, Table
 from study.pipeline.settings import all_versions
 from study.pipeline.tables import printed
-from study.statistics import Contrast, holm, paired_t, sem, student
+from study.statistics import Contrast, holm, paired_t
 from study.strategies.designs import DESIGNS, OPTIMUM, Designed
 from study.strategies.finished_cases import IMPORTED
 from study.strategies.populations import TRAININGS, Trained
@@ -71,7 +71,7 @@ class Outcome:
     @property
     def mean(self) -> Contrast:
         """The mean with Student's interval over seeds."""
-        return student(float(np.mean(self.returns)), sem(self.returns), len(self.returns))
+        return paired_t(self.returns)
 
     @property
     def median(self) -> float:
@@ -92,8 +92,7 @@ class Outcome:
     def shortfall(self) -> Contrast:
         """By what share of the optimum's mean return the mean falls short of it, with Student's interval: what can be
         held against other seeds and other plants."""
-        shares = (self.optima - self.returns) / abs(float(np.mean(self.optima)))
-        return student(float(np.mean(shares)), sem(shares), len(shares))
+        return paired_t((self.optima - self.returns) / abs(float(np.mean(self.optima))))
 
     def less(self, other: Outcome) -> Array:
         """The differences (S,) over the seeds that both have."""
@@ -217,7 +216,7 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
     for plant, sensing in plan.places:
         for n in plan.contrasted if sensing == plan.sensings[0] else ():
             for a, b in plan.contrasts:
-                sides = [Condition(plant.name, sensing, own, min(n, plan.kind_of(own).most)) for own in (a, b)]
+                sides = [plan.condition(plant, sensing, own, n) for own in (a, b)]
                 if all(side in outcomes for side in sides):
                     place = plant.name, sensing, max(side.n for side in sides), a, b
                     differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])

@@ -83,12 +83,8 @@ class TrialPlan(StudySettings, ABC):
         return {plant.name: plant for plant in self.plants}[name]
 
     @abstractmethod
-    def kind_of(self, strategy: str) -> type[Strategy]:
-        """What says which rollouts a strategy can use."""
-
-    @abstractmethod
-    def strategy_of(self, case: Case) -> Strategy:
-        """What spends the rollouts."""
+    def strategy_on(self, plant: HiddenPlant, name: str) -> Strategy:
+        """What spends the rollouts of a plant."""
 
     @abstractmethod
     def plant_of(self, case: Case) -> BudgetedPlant:
@@ -116,13 +112,16 @@ class TrialPlan(StudySettings, ABC):
             for sensing in (self.sensings if plant.effect is None else self.sensings[:1])
         )
 
-    def budgets_of(self, strategy: str, sensing: str) -> tuple[int, ...]:
+    def condition(self, plant: HiddenPlant, sensing: str, strategy: str, n: int) -> Condition:
+        """That of a strategy with n rollouts, or with none where it spends none."""
+        return Condition(plant.name, sensing, strategy, min(n, self.strategy_on(plant, strategy).most))
+
+    def budgets_of(self, strategy: Strategy, sensing: str) -> tuple[int, ...]:
         """Those that it can use."""
-        kind = self.kind_of(strategy)
-        if kind.needs_angle and sensing != "encoder":
+        if strategy.needs_angle and sensing != "encoder":
             return ()
-        most = min(kind.most, max(self.contrasted)) if kind.in_rounds else kind.most
-        return tuple(n for n in self.budgets if kind.least <= n <= most)
+        most = min(strategy.most, max(self.contrasted)) if strategy.in_rounds else strategy.most
+        return tuple(n for n in self.budgets if strategy.least <= n <= most)
 
     @property
     def cases(self) -> tuple[Case, ...]:
@@ -132,6 +131,6 @@ class TrialPlan(StudySettings, ABC):
             for seed in self.seeds
             for plant, sensing in self.places
             for strategy in self.strategies
-            for n in self.budgets_of(strategy, sensing)
+            for n in self.budgets_of(self.strategy_on(plant, strategy), sensing)
             if seed in self.seeds_of(strategy, sensing, n)
         )

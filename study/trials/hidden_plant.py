@@ -37,9 +37,13 @@ class HiddenPlant:
     @cached_property
     def hidden_effect(self) -> Effect | None:
         """What the plant has and the prior lacks. Raises InvalidInput for an unknown effect."""
-        from study.trials.outside_effects import effect_called
+        from study.trials.outside_effects import OUTSIDE
+        from sysid import effect
 
-        return None if self.effect is None else effect_called(self.effect, **dict(self.numbers))
+        if self.effect is None:
+            return None
+        numbers = dict(self.numbers)
+        return OUTSIDE[self.effect](**numbers) if self.effect in OUTSIDE else effect(self.effect, **numbers)
 
     @property
     def noun(self) -> str:

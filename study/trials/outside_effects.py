@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sysid import Effect, InputEffect, Joint, JointEffect, effect, ops
+from sysid import Effect, InputEffect, Joint, JointEffect, ops
 from sysid.physics.effects.effect import Memory
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
@@ -56,8 +56,3 @@ class SlewLimit(InputEffect):
 
 
 OUTSIDE: dict[str, type[Effect]] = {kind.name: kind for kind in (Magnet, SlewLimit)}
-
-
-def effect_called(name: str, **numbers: float) -> Effect:
-    """An effect of the catalogue, or one of these. Raises InvalidInput for an unknown one."""
-    return OUTSIDE[name](**numbers) if name in OUTSIDE else effect(name, **numbers)

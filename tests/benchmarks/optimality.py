@@ -27,7 +27,7 @@ from policies.environments import task
 from policies.environments.machine import past_commands_needed
 from policies.evaluation import batch_returns, evaluate
 from policies.training.population import TrainingSettings
-from policies.training.program import population_of
+from policies.training.program import POPULATIONS
 from study.paper.protocol import paper_model
 from sysid import Coulomb, Delay, Model, State
 from tests.benchmarks import command
@@ -59,7 +59,8 @@ def settings_of(algorithm: str, changes: Sequence[str]) -> TrainingSettings:
 def curve(model: Model, settings: TrainingSettings, history: int, agents: int, looks: int) -> Iterator[tuple]:
     """(steps, CPU seconds, returns (agents,)) some times a training; judging them is not counted."""
     starts, spent = fresh_start_states(0, STARTS), 0.0
-    population = population_of(model, [Fixed()] * agents, range(agents), settings, history=history)
+    kind = POPULATIONS[settings.algorithm]
+    population = kind(model, [Fixed()] * agents, range(agents), settings, history=history)
     for look in range(1, looks + 1):
         begin = time.process_time()
         population.train(math.ceil(look * settings.steps / looks) - population.steps_done)

@@ -60,11 +60,6 @@ def test_a_window_of_shac_is_as_long_in_seconds():
     assert at[0.1].steps == 2000 * 64 * 8
 
 
-def test_an_algorithm_that_does_not_exist_is_named():
-    with pytest.raises(InvalidInput, match="algorithm 'ppo': expected one of shac, sac"):
-        settings_for(paper_model(), algorithm="ppo")
-
-
 def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monkeypatch):
     """Wherever it is stopped; the checkpoint is gone when it is done."""
     model, file = paper_model(0.3, 0.6), tmp_path / "new" / "training.checkpoint"

@@ -40,16 +40,9 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if not path.name.startswith("results.sqlite-")}
 
 
-def test_what_went_in_comes_out_again(tmp_path):
-    with opened(tmp_path / "a" / "b") as store:
-        store.add(STEPS, [ITEM])
-    with opened(tmp_path / "a" / "b") as store:
-        assert store.all(STEPS) == [ITEM]
-        assert store.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-
-
 def test_a_reader_can_look_while_a_study_runs(tmp_path):
-    with opened(tmp_path) as store:
+    with opened(tmp_path / "a" / "b") as store:
+        assert store.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         store.add(STEPS, [ITEM])
         with sqlite3.connect(f"file:{store.path}?mode=ro", uri=True) as reader:
             assert list(reader.iterdump()) == list(store.db.iterdump())

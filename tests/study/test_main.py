@@ -16,8 +16,6 @@ from study.paper.presets import SMOKE
 from sysid.version import installed_version
 
 ROOT = Path(__file__).resolve().parents[2]
-OPTIMUM = -330.15
-"""On the paper's plant, 900 x 900 states (mean over seeds 0-9)."""
 
 
 def command(*arguments):
@@ -141,11 +139,3 @@ def test_every_run_keeps_what_its_number_depends_on(undisturbed):
             assert curve.count("[") == 1 + SMOKE.steps // 200
             assert all(f'"{name}"' in settings for name in ("polyak", "gamma", "randomization", "sigma", "truth"))
             assert all(f'"{name}"' in versions for name in ("torch", "torchrl", "numpy", "python"))
-
-
-def test_a_policy_that_does_nothing_is_below_the_optimum_from_the_papers_start_states():
-    from policies.evaluation import evaluate, start_states
-    from study.paper.protocol import paper_model
-
-    starts = start_states(1, SMOKE.episodes)
-    assert evaluate(lambda state, t: 0.0, paper_model(2.0, 1.5), *starts).mean < OPTIMUM

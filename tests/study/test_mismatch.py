@@ -8,7 +8,7 @@ import pytest
 from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.measured import MeasuredPlant, rollouts, unmeasured
+from study.mismatch.measured import MeasuredPlant, known_setup, rollouts
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.paper.presets import PRESETS
@@ -65,7 +65,7 @@ def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(budget):
 
 
 def test_setups_are_plain_data(budget):
-    free = [unmeasured(strategy, MAGNET).setup for strategy in ("prior", "breadth", "oracle")]
+    free = [known_setup(strategy, MAGNET) for strategy in ("prior", "breadth", "oracle")]
     for setup in (
         *(budget.setup(strategy) for strategy in ("grid", "fitted", "mended", "posterior", "random_force")),
         *free,
@@ -168,7 +168,7 @@ def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
 
 
 def test_breadth_is_over_one_effect_at_a_time():
-    setup = unmeasured("breadth", MAGNET).setup
+    setup = known_setup("breadth", MAGNET)
     rng, count = np.random.default_rng(0), []
     for _ in range(300):
         drawn = setup.drawn.sample(rng, setup.model)

@@ -44,7 +44,7 @@ def invented(plan):
     compared = tuple(
         replace(row, contrast=paired_t(pair[0] + np.linspace(-1.0, 1.0, len(pair[0])), pair[1]), p=0.001)
         for row in planned_contrasts(plan, outcomes)
-        for pair in [[outcomes[row.plant, "encoder", own, min(row.n, plan.kind_of(own).most)].returns
+        for pair in [[outcomes[plan.condition(plan.plant(row.plant), "encoder", own, row.n)].returns
                       for own in (row.a, row.b)]]
     )  # fmt: skip
     verdicts = {

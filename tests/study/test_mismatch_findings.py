@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study.mismatch.mismatch_findings import Verdict, mismatch_findings, mismatch_sentences
+from study.mismatch.mismatch_findings import Verdict, mismatch_findings
+from study.mismatch.mismatch_page import mismatch_sentences
 from study.mismatch.mismatch_plan import CONTRASTS, PLANS
 from study.pipeline.stages import run
 from study.statistics import paired_t

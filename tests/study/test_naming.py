@@ -12,7 +12,6 @@ from study.mismatch.mismatch_plan import PLANS
 from study.mismatch.naming import (
     BUDGETS,
     FIRST,
-    MOST,
     NAMING_TABLE,
     NamingExperiment,
     NamingResult,
@@ -26,6 +25,7 @@ from study.mismatch.naming import (
 )
 from study.trials.hidden_plant import COULOMB, DELAY_LARGE, MAGNET, PLAIN
 from sysid import InvalidInput
+from tests.study.inline import Inline
 
 PLAN = PLANS["mismatch"]
 
@@ -78,17 +78,12 @@ def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
     plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(0, 2))
     found = {}
     for task in tasks(plan, (), (2,), 1):
-        (found[task.arguments[1]],) = task.run(_Silent())
+        (found[task.arguments[1]],) = task.run(Inline())
     assert found["delay_large"].right
     assert found["delay_large"].steps[0].startswith("delay")
     assert found["delay_large"].error_mended < 0.3 * found["delay_large"].error_fitted
     assert found["plain"].verdict == "adequate"
     assert found["plain"].error_mended == found["plain"].error_fitted < 0.05
-
-
-class _Silent:
-    def progress(self, done):
-        assert 0.0 < done <= 1.0
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
@@ -115,10 +110,6 @@ def tasks(plan, known, budgets, seeds):
     return experiment.left()
 
 
-def test_seeds_are_used_for_nothing_else():
-    assert min(PLAN.seeds) >= FIRST + MOST
-
-
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
     told = naming_table([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
     assert "of 1 to 2 seeds" in told.title
@@ -130,11 +121,11 @@ def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_m
 
 
 def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
-    done = []
+    done, most = [], 3
 
     def execute(self, left, heard):
         for task in left:
-            if len(done) == 3:
+            if len(done) == most:
                 raise KeyboardInterrupt
             done.append(task.arguments[1])
             heard(task, "done", invented(task))
@@ -144,7 +135,7 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
     with pytest.raises(KeyboardInterrupt):
         main(command)
     assert len(read_naming(tmp_path / NAMING_TABLE)) == 6
-    monkeypatch.setattr("study.pipeline.executor.Processes.execute", _go_on(done))
+    most = 6
     assert main(command) == 0
     assert done == [plant.name for plant in PLAN.plants]
     capsys.readouterr()
@@ -157,15 +148,6 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
 def invented(task):
     _, plant, seed, budgets = task.arguments
     return [row(n, seed, plant=PLAN.plant(plant)) for n in budgets]
-
-
-def _go_on(done):
-    def execute(self, left, heard):
-        for task in left:
-            done.append(task.arguments[1])
-            heard(task, "done", invented(task))
-
-    return execute
 
 
 @pytest.mark.parametrize("arguments", [["--seeds", "0"], ["--seeds", "101"], ["--seeds", "1", "--workers", "0"], []])

@@ -13,7 +13,7 @@ from policies.network_policy import NetworkPolicy
 from study.mismatch.mismatch_plan import PLANS as MISMATCH
 from study.paper.protocol import paper_model
 from study.strategies.candidates import most_promising
-from study.strategies.catalogue import PLACES, strategy_class
+from study.strategies.catalogue import PLACES, strategy_called
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance
 from study.strategies.strategies_plan import PLANS
@@ -45,19 +45,19 @@ def untrained(key):
 
 
 def talk(name, budget, found, sensing="encoder", seed=3, steps=60):
-    kind = strategy_class(name)
-    kind.check(name, budget, sensing)
+    strategy = strategy_called(name)
+    strategy.check(name, budget, sensing)
     plant = BudgetedPlant(ELSEWHERE, sensing, budget, seed, steps=steps)
     own = Situation(PRIOR, plant.sensor, budget, seed, np.random.default_rng(seed))
-    return advance(kind(**LIGHT.get(name, {})), own, plant, found, "elsewhere")
+    return advance(dataclasses.replace(strategy, **LIGHT.get(name, {})), own, plant, found, "elsewhere")
 
 
 @pytest.mark.long
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from([*PLACES, OWN]), st.integers(0, 7))
 def test_no_strategy_exceeds_its_budget_and_every_one_says_which_it_can_use(name, budget):
-    kind = strategy_class(name)
-    if kind.least <= budget <= kind.most:
+    strategy = strategy_called(name)
+    if strategy.least <= budget <= strategy.most:
         finished = talk(name, budget, still)
         assert isinstance(finished, Finished) and isinstance(finished.choice, Choice)
         generation = 5 if name == "cross_entropy" else 1
@@ -70,7 +70,7 @@ def test_no_strategy_exceeds_its_budget_and_every_one_says_which_it_can_use(name
 @pytest.mark.parametrize("name", [*PLACES, OWN])
 def test_a_dialogue_is_a_function_of_its_answers(name):
     """It is repeated in every round and after an interruption."""
-    budget = strategy_class(name).least
+    budget = strategy_called(name).least
     first, again = (talk(name, budget, untrained) for _ in range(2))
     if isinstance(first, Waiting):
         assert list(first.setups) == list(again.setups) and first.learn == again.learn
@@ -181,9 +181,9 @@ def test_a_strategy_that_is_named_twice_is_refused():
 
 @pytest.mark.parametrize("name", [*PLACES, OWN])
 def test_a_plant_that_ends_early_is_enough_or_said_to_be_too_short(name):
-    kind = strategy_class(name)
+    strategy = strategy_called(name)
     try:
-        assert isinstance(talk(name, min(kind.most, max(5, kind.least)), still, steps=12), Finished)
+        assert isinstance(talk(name, min(strategy.most, max(5, strategy.least)), still, steps=12), Finished)
     except InvalidInput as error:
         assert name == "dropo" and "given rollouts of 12 steps: expected at least" in str(error)
 
@@ -203,7 +203,7 @@ def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
     for plan in PLANS.values():
         assert len(set(plan.cases)) == len(plan.cases)
         for case in plan.cases:
-            strategy_class(case.strategy).check(case.strategy, case.n, case.sensing)
+            strategy_called(case.strategy).check(case.strategy, case.n, case.sensing)
         pairs = {case[:4]: 0 for case in plan.cases}
         assert set(plan.strategies) == {key[2] for key in pairs}
     own = set(PLANS["strategies"].seeds)

@@ -17,12 +17,11 @@ from study.figure_style import save_figure
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import run
 from study.presets import open_experiment
-from study.strategies.catalogue import PLACES, strategy_class
+from study.strategies.catalogue import PLACES, strategy_called
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import STEPS, CaseRound
-from study.strategies.strategies_findings import strategies_sentences
-from study.strategies.strategies_page import LOOKS, returns_of_strategies
+from study.strategies.strategies_page import LOOKS, returns_of_strategies, strategies_sentences
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_experiment import trial_results
 from study.strategies.trial_findings import TrialResults, trial_findings
@@ -231,7 +230,7 @@ def test_with_several_budgets_every_strategy_has_a_line_of_what_it_falls_short_b
 
 
 def test_no_two_lines_of_a_group_look_alike():
-    assert max(Counter(strategy_class(name).group for name in PLACES).values()) <= len(LOOKS)
+    assert max(Counter(strategy_called(name).group for name in PLACES).values()) <= len(LOOKS)
 
 
 def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
