@@ -93,14 +93,14 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
 def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
 
-    A `plant` that does not turn gets no notes on angles, and forces in its units; one without gravity none on its zero.
+    A `plant` that does not turn gets no notes on angles, and forces in place of torques; without gravity none on zero.
     """
     found = []
     turns, newton = (True, "N m") if plant is None else (plant.turns, plant.unit("N m"))
     largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
     if turns and largest > 40.0:
         found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
-    if command == "position":  # a servo pulls at rest, too, and against the angle
+    if command == "position":  # what follows is of torques: a servo pulls at rest, too, and against the angle
         return tuple(found)
     if command == "torque" and not turns:
         command = "force"
@@ -167,7 +167,7 @@ def _shares(A: Array, b: Array) -> tuple[Array, float]:
 def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:
     """Raise InvalidInput where every channel of every record is constant up to the sensor's noise.
 
-    A channel moves if the variance of its means over ten samples is above three times sigma^2 / 10, which noise gives.
+    A channel moves if the variance of its means over ten samples is above three times that of noise, sigma^2 / 10.
     """
     ranges = []
     for channel, sd in (("theta", sensor.theta), ("theta_dot", sensor.theta_dot)):

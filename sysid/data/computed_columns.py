@@ -24,7 +24,7 @@ FEWEST_SPEEDS = 80
 COMPUTED = 0.5
 """A speed was computed if the angle's errors leave less than this share of the variance of its error unexplained."""
 OWN_TORQUES, LATE = 3, 3
-"""How many torques before it predict a torque, and how many readings before it a controller may have used."""
+"""How many torques before an instant predict its torque, and how many readings before it a controller may use."""
 FEWEST_TORQUES, MOST_TORQUES = 50, 20_000
 """Instants that the comparison of torque and readings needs, and that it uses at most."""
 FOLLOWS = 0.25

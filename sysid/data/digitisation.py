@@ -22,7 +22,7 @@ FEWEST = 20
 REGULAR = 0.85
 """Share of all jumps that must come at the sensor's interval."""
 FAR = 2.5
-"""A jump is a change of more than this many quantisation steps: a fresh sensor that fast changes in every row."""
+"""A jump is a change by more quantisation steps: at such a speed a fresh sensor changes in every row."""
 
 
 def quantisation_step(series: Sequence[Array]) -> float:
@@ -77,7 +77,7 @@ def holding(series: Iterable[Array]) -> float:
 def fresh(values: Array, rows: float) -> NDArray[np.intp]:
     """The rows (n,) of fresh readings in a channel (K,) each of whose readings is held for `rows` rows.
 
-    Fresh are the rows at which the channel changes and, where a reading came out the same again, every `rows`-th row.
+    These are the rows at which the channel changes and, in longer rests (the same value came again), every `rows`-th.
     """
     changed = np.diff(values) != 0.0
     edges = np.concatenate(([0], np.flatnonzero(changed) + 1, [len(changed) + 1]))

@@ -1,4 +1,4 @@
-"""Files: all reading and writing goes through here, so that errors become sentences and no file is half written.
+"""Files: every path is checked here, and what is written is whole or not there.
 
 Whatever the file system refuses (a name too long, links in a circle, a device, a folder without permission) becomes a
 sentence. A full disk or a power cut never leaves half of a file in the place of another.

@@ -20,21 +20,21 @@ LEFT, HALF = 0.95, 0.5
 ACROSS = 0.25
 """A log that has gone so far to the other side (share of the largest deflection) shows swings and no preparation."""
 LONGER = 7.0
-"""Longest way until LEFT of a swing from the other side, in units of the time from LEFT to HALF: 5, with a margin."""
+"""A swing from the other side reaches LEFT within 5 times the time from LEFT to HALF; this adds a margin."""
 STILL = 0.1
-"""Share of its way to LEFT, at most, that a machine that stands has gone after half of the time; what is let go at the
-first sample has gone a quarter."""
+"""A machine stands if half of the time before LEFT takes it at most this share of the way there; if it were let go at
+the first sample, it would have gone a quarter."""
 TURNS = 0.05
 """The least prominence of a turn, and the range within which the machine stands, as shares of the whole range."""
 STICKS = 3.0
 """Friction that may hold a machine at rest, at most, in units of the friction of its motion."""
 FEWEST = 6
-"""Samples that show whether it stands, and that must be left to fit."""
+"""Samples, at least, that show whether it stands, and that must be left to fit."""
 
 
 def free_part(record: Record) -> tuple[Record, str]:
     """The part of a record in which no hand holds the machine, and a sentence on what is left out, empty for nothing.
-    Records without angles are returned whole; nothing is left out in which a torque acts."""
+    Nothing is left out of a record without angles, or where a torque acts meanwhile."""
     if record.theta is None or not record.has_angles:
         return record, ""
     known = np.flatnonzero(np.isfinite(record.theta))

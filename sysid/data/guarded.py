@@ -1,8 +1,8 @@
-"""Guarded reading: compiled parsers run in a process of their own, as damaged bytes may crash or stall them, or make
-them ask for all memory.
+"""Guarded reading: compiled parsers run in a process of their own.
 
-One such process serves all reads of a program. It is asked in a line of JSON, and answers with a line of JSON and the
-columns' bytes. If it ends or takes too long, the file is refused, and the next question starts another process.
+Damaged bytes may crash such a parser, stall it or make it ask for all memory. One process serves all reads of a
+program. It is asked in a line of JSON, and answers with a line of JSON and the columns' bytes. If it ends or takes too
+long, the file is refused, and the next question starts another process.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ _lock = threading.Lock()
 
 
 def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
-    """Run a reader of `sysid.data.foreign_files` in the guarded process, for the same answer.
+    """Run a reader of `sysid.data.foreign_files` in the guarded process, and return what it finds.
 
     Raises InvalidInput as the reader does, and where it crashes, takes too long or needs too much memory.
     """

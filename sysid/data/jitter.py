@@ -19,7 +19,7 @@ ORDERS = (4, 6, 8)
 BINS, FEWEST = 8, 40
 """Bins of speed in each of which the size of the errors is found, and the least number of errors in a bin."""
 RATIOS = tuple(2.0**k for k in range(1, 25))
-"""Ratios that are tried, of jitter's variance in the angle to the sensor's own; from 2: jitter is most of the error."""
+"""Ratios that are tried of the error variance by jitter to the angle's own; from 2, as jitter must be most of it."""
 BETTER = 0.75
 """Jitter is found where it lowers the misfit to less than this share."""
 AGREE = 1.5
@@ -41,8 +41,8 @@ def stamp_jitter(angles: Sequence[Array], dt: float, floor: float) -> tuple[floa
         var(D^m theta) / C(2m, m) = sd^2 + jitter^2 theta_dot^2
 
     for the m-th difference D^m of the readings. The left side is the median of |D^m theta| in bins of speed, at least
-    the `floor` [rad] of rounding, squared. Least absolute deviations of logarithms fit the right side: one odd bin does
-    not bend them. What seems to be jitter but falls with m is fast motion.
+    the `floor` [rad] of rounding, squared. The right side is fitted by least absolute deviations of logarithms, which
+    one odd bin does not bend. What seems to be jitter but falls with m is fast motion.
     """
     found = [_by_order(angles, dt, m, floor) for m in ORDERS]
     if any(jitter == 0.0 for jitter, _ in found) or found[0][0] > AGREE * found[-1][0]:

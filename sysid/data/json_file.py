@@ -21,7 +21,7 @@ Kind = TypeVar("Kind")
 LONGEST_TEXT = 1000
 """Characters, at most, of a name or a sentence in a file."""
 LARGEST_NUMBER = 1e150
-"""No number in a file may be larger: its square would overflow."""
+"""Finite numbers in a file may be no larger, so that their squares are still numbers."""
 
 
 def read_json(path: Path, expected: str) -> Any:

@@ -27,7 +27,7 @@ FEWEST = 40
 MOST = 10_000
 """Samples that are used, at most: they give a sd to 1 %, and more would only take longer."""
 LATEST = 0.3
-"""Seconds after it (at most 25 samples) for which a torque's effect on the readings is taken out."""
+"""The effect of a torque on the readings is taken out for so many seconds after it (at most 25 samples)."""
 EVENT = 3.3
 """A residual beyond this many standard deviations is an event (a kink, an impact), not noise."""
 KEPT = 0.9943
@@ -148,8 +148,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
 
 
 def _computed(records: Sequence[Record], seen: bool) -> str:
-    """Why the speed seems to be computed from the angle's readings, whose errors may be `seen`; empty where it does
-    not."""
+    """The reason to think that the speed was computed from the angle's readings, empty if there is none. The errors of
+    both are compared only if those of the angle were `seen`."""
     if is_difference(records):
         return "it is a difference of them to the last digit"
     if not seen:
@@ -165,7 +165,7 @@ def _computed(records: Sequence[Record], seen: bool) -> str:
 
 
 def _lags(lengths: Sequence[int], dt: float) -> int:
-    """For how many samples after it a torque's effect is taken out, in records of these lengths."""
+    """For how many samples after a torque its effect is taken out, in records of these lengths."""
     return min(round(LATEST / dt), 25, int(np.median(lengths)) // 4)
 
 

@@ -295,7 +295,7 @@ def in_a_row(instants: Sequence[Array]) -> Array:
 
 
 def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:
-    """What the probes of parameters depend on: the sizes of a log, of a plant that turns or (`turns`) does not."""
+    """The Extent of a log, on which the probes of parameters depend; `turns` says whether its plant turns."""
     reach = 1.0 if turns else _half_of_travel(records)
     extent = Extent(
         dt=records[0].dt,

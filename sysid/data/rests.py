@@ -22,7 +22,7 @@ from sysid.physics.ops import Array
 AROUND = 0.5
 """Seconds before and after a reading within which a joint at rest does not move; so long a rest becomes one reading."""
 FEWEST = 5
-"""The least number of samples that AROUND is rounded to."""
+"""Samples that AROUND spans, at least."""
 STILL = 1.5
 """Scatter of readings at rest, at most, in units of the noise's sd."""
 CLEAR = 20.0

@@ -35,7 +35,7 @@ class Alternative:
         return self.neutral.name
 
     def at(self, sizes: Sequence[float]) -> Effect:
-        """The effect with its magnitudes so far from neutral, a little inside their bounds.
+        """The effect with its magnitudes off neutral by `sizes`, a little inside their bounds.
 
         A limit whose neutral value means "never" is set to its probe instead: nothing is linear on the way from there.
         """
@@ -80,8 +80,8 @@ def _side(magnitudes: Sequence[Parameter]) -> int:
 def candidates(
     model: Model, extent: Callable[[type[Effect]], Extent], names: Iterable[str] | None = None
 ) -> dict[str, tuple[Alternative, ...]]:
-    """The Alternatives of each effect that the model may lack: of those in the catalogue (or `names`) that it neither
-    has nor excludes, and that have a probe inside their bounds.
+    """The Alternatives of each effect that the model may lack: it is in the catalogue (or `names`), neither in the
+    model nor excluded by it, and has a probe inside its bounds.
 
     `extent` gives the Extent of the log for a kind of effect.
     """

@@ -22,8 +22,8 @@ NEVER = 1e5
 
 
 class Extent(NamedTuple):
-    """The sizes of a log and its model on which probes may depend: dt [s], the longest rollout [s], the largest |u| [N
-    m], the reach, the model's inertia [kg m^2], and the largest speed [reach/s] if anything moves.
+    """The sizes of a log and its model on which probes may depend: dt [s], the longest rollout [s], the largest command
+    [N m], the reach, the model's inertia [kg m^2], and the largest speed [reach/s] if anything moves.
 
     The reach is a large way: a radian for a joint, half of the travel [m] for an axis. So no answer depends on whether
     positions came in metres.

@@ -31,7 +31,7 @@ KNOWN = Settings(sizes=False, vague=math.inf)
 ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
 """Settings of the fits for planning: parameters to a share of their sd, disturbances to a few per cent."""
 MISTOLD = 1.3
-"""If a channel's noise is this many times what was told, fits that were made with that are made anew."""
+"""From this many times the noise that was told, fits are made anew with the noise that was found."""
 FARTHEST = 1e4
 """A motion beyond this many [rad], [rad/s] has run away."""
 LARGEST_GROWTH = 300.0
@@ -166,13 +166,13 @@ class Pool:
         return calm
 
     def unlike(self, truth: str, rival: str) -> Normal:
-        """Normal equations by which the rival's effect and numbers imitate what effect `truth` does to the readings."""
+        """Normal equations for the rival's effect and numbers to imitate what effect `truth` does to the readings."""
         own = self.hypotheses[truth].effect
         assert own is not None
         return self.sensitivities(truth).unlike(own, self.hypotheses[rival].effect, len(self.signals))
 
     def shown(self, name: str) -> list[Record]:
-        """The records that perfect sensors would make of a hypothesis."""
+        """The records that perfect sensors would make if a hypothesis were true."""
         seen = self.responses[name].readings(self.motions[name])
         return [
             replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
@@ -188,7 +188,7 @@ class Pool:
         return self._left[truth, rival]
 
     def _follow(self, truth: str) -> Fit:
-        """The fit of a truth to what it shows itself, for its motion."""
+        """The truth, fitted to the readings that it predicts itself: rivals are fitted to these from there."""
         if truth not in self._followed:
             model, conditions = self.hypotheses[truth].model, self.conditions
             samples = Samples(model, self.shown(truth), conditions.sensor)
@@ -196,7 +196,7 @@ class Pool:
         return self._followed[truth]
 
     def precision(self) -> Normal:
-        """The normal equations of the free parameters, of each rollout, summed over all hypotheses."""
+        """The normal equations of the free parameters for each rollout, summed over all hypotheses."""
         return reduce(Normal.plus, (self.sensitivities(n).precision(len(self.signals)) for n in self.hypotheses))
 
 
@@ -294,8 +294,7 @@ def yardsticks(model: Model, names: Sequence[str]) -> Array:
 def search(
     goal: Goal, hypotheses: Sequence[Hypothesis], conditions: Conditions, rng: np.random.Generator
 ) -> list[Pool]:
-    """Search for good signals: a few choices of one for each rollout, each begun with another kind of signal, best
-    first.
+    """A few good choices of signals, one for each rollout, best first; each choice begins with another kind of signal.
 
     Signals of all kinds are drawn at random, and the best are varied. Then rollouts are added one by one, always the
     one that helps most. Raises InvalidInput where no signal keeps to the limits.

@@ -71,11 +71,11 @@ class Normal(NamedTuple):
 
 
 class Sensitivities:
-    """What parameters `names`, and an effect of the model, change in the innovations of a filter along a motion.
+    """What the parameters `names`, and an effect of the model, change in the innovations of a filter along a motion.
 
-    Changes propagate by the dynamics of the model that made the motion, and so with the effect; an output effect is
-    left out of them, which is of second order. What the effect does is what the model without it does not do along the
-    motion. The states at which records begin are not known: the filter's first state is vague.
+    Changes propagate as in the model that made the motion, with the effect; an output effect is left out of that, which
+    is an error of second order. The effect's own change is what the model without it fails to do along the motion. The
+    filter's first state is vague, since the states at which records begin are not known.
     """
 
     def __init__(
@@ -103,8 +103,8 @@ class Sensitivities:
         return self.filter.whiten(*self.without.effect_changes(effects, [1.0] * len(effects)))
 
     def unlike(self, truth: Effect, rival: Effect | None, logs: int = 1) -> Normal:
-        """What an effect does beyond a rival at its own numbers, with the normal equations for these and the parameters
-        to imitate it. The records are split into `logs` of equal length."""
+        """The normal equations of what an effect does beyond a rival, for the rival's numbers and the parameters to
+        imitate it. The records are taken as that many logs of equal length."""
         r, S = self.of((truth,)), self.Z
         if rival is not None:
             moves = self.of((rival, *_varied(rival)))

@@ -68,7 +68,7 @@ class Experiment:
     unit : str
         Of theta: "m" for a linear axis.
     information : array (P, P)
-        The Fisher information on the free parameters, in inverse squares of their units (of a cost only).
+        The Fisher information on the free parameters, in inverse squares of their units; with measure "cost" only.
     """
 
     kind: str

@@ -34,7 +34,7 @@ _TRUE = 0.25
 STRUCTURAL = 1e-4
 """If a rival leaves less than this share of an effect's evidence, no torque ever tells the two apart."""
 NESTED = 1e-2
-"""The same if the rival was fitted, and not to first order only, as such a fit may not have converged."""
+"""The same for a rival that was fitted in full, since such a fit need not have converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +73,7 @@ def hypotheses_of(
     conditions: Conditions,
     first: First,
 ) -> Hypotheses:
-    """The hypotheses for some rivals, each fitted to the log or, without one, to what a known rival does under a
-    multisine.
+    """The hypotheses for some rivals, fitted to the log or, without one, to what a known rival does under a multisine.
 
     A rival of unknown size (no log and no numbers, or the log does not show it) has that of its probe. Raises
     InvalidInput for names that are unknown, come twice or cannot stand in this model.
@@ -185,7 +184,7 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
 def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf) -> tuple[Contest, ...]:
     """The contests with the evidence that a pool's signals bring when each rival is fitted to what the truth shows.
 
-    Where the first-order evidence is over `within` times the least, there is no fit, and that is the evidence.
+    If the first-order evidence is over `within` times the least so far, it stands, and no fit is made.
     """
     first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in contests]
     least, found = math.inf, list[Contest]()
@@ -220,7 +219,7 @@ def separable(
 
 
 def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
-    """The hypotheses that no torque tells from an earlier one, and that one."""
+    """Each hypothesis that no torque tells from an earlier one, with that one."""
     order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
     alike = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
     return {c.truth: c.rival for c in alike if c.rival in order[: order.index(c.truth)]}

@@ -73,7 +73,7 @@ class Effect(Parametric):
     excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
     rarity     -log of its prior odds, against friction, which is in every joint
-    imitates   the quantity ("theta", ...) if it depends on one alone: it can pass for a part of anything that does
+    imitates   the quantity ("theta", ...) of which alone it is a function, and so a part of any other function of it
     refines    simpler effects, alone or together, that explain most of what it does: it has to beat each
     precedence its rank among effects that a log cannot tell apart: the highest stands for all of them, the log's own
                convention before any machine's; at 0 it stands for itself only

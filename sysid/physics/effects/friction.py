@@ -123,9 +123,9 @@ class AsymmetricViscous(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class AsymmetricCoulomb(DryFriction):
-    """Dry friction that depends on the direction; at rest it holds between the two.
+    """Dry friction that depends on the direction; at rest it holds up to either limit.
 
-    Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
+    If the joint never stands, Coulomb friction of the mean and a torque bias of half the difference act alike.
     """
 
     words = "dry friction that depends on the direction"

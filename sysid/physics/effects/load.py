@@ -43,10 +43,10 @@ class LoadFriction(DryFriction):
 class DirectionalLoadFriction(DryFriction):
     """Dry friction of a gear that loses more of the load when it is back-driven than when it drives.
 
-    Where the drive points against the motion, or is off, the load drives. At rest it holds with mu_drive the way that
-    the drive points, else with mu_back. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault, Padois,
-    Ly: Extended Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, with a mu for each
-    direction; their M5 weighs motor and external torque instead.)
+    Where the drive points against the motion, or is off, the load drives. At rest mu_drive holds against the way that
+    the drive points, mu_back against the other. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault,
+    Padois, Ly: Extended Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, with a mu for
+    each direction; their M5 weighs motor and external torque instead.)
     """
 
     words = "dry friction that grows with the load, and otherwise when the load drives"
@@ -185,7 +185,7 @@ class FlexibleTransmission(DynamicEffect):
     """A part J of the load that hangs on a spring behind the sensor.
 
     Examples are a harmonic drive, a belt, a long shaft, a sloshing load. delta [rad] is the angle of J against the
-    joint, omega = 2 pi f, and f [Hz] the resonance while the joint is held. Gravity and friction act at the joint.
+    joint, omega = 2 pi f, f [Hz] the resonance with the joint held. Gravity and friction are taken to act at the joint.
     (Spong: ASME Journal of Dynamic Systems, Measurement, and Control 109 (1987) 310, seen from the motor.)
     """
 

@@ -77,8 +77,7 @@ class SensorDelay(DeadTime, OutputEffect):
         return tuple(value for c in past for value in (theta - c * dt * theta_dot, theta_dot))
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
-        """The reading T ago: the present one plus its changes over the intervals back to it, of which T covers shares
-        x."""
+        """The reading T ago: the present one and its change over the share x of each interval that T covers."""
         states, seen, back = (*reading, *memory), reading, self.T / dt
         for c in range(len(memory) // 2):
             x = ops.minimum(back, 1.0) if c == 0 else ops.clip(back - c, 0.0, 1.0)
