@@ -1,1 +1,1 @@
-"""Data: logs read from files, checked and resampled, the sensors that made them, and how they are split."""
+"""Data: reading, checking and resampling logs, the noise of their sensors, and how they are split."""

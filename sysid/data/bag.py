@@ -1,6 +1,6 @@
-"""ROS 2 bags and MCAP: the joint of a robot in messages sensor_msgs/JointState, and topics of numbers beside them.
+"""Reading ROS 2 bags and MCAP: joints in sensor_msgs/JointState messages, and other topics that carry numbers.
 
-Messages are read by ROS 2's own definitions, whatever the file says that they are.
+Messages are decoded by ROS 2's own definitions, whatever definitions the file contains.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from sysid.limits import RAW_ROWS, check_size
 from sysid.physics.ops import Array
 
 MCAP = b"\x89MCAP0\r\n"
-"""What such a file begins with."""
+"""The first bytes of an MCAP file."""
 STATES = "sensor_msgs/msg/JointState"
 NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray")
 READINGS = ("theta", "theta_dot", "torque")
-"""What the positions, velocities and efforts of a joint are called here."""
+"""Our names for the position, the velocity and the effort of a joint."""
 
 
 class Row(NamedTuple):
-    """A joint in a message: when it was written to the file and when it was stamped [ns], and what it said."""
+    """A joint's state in one message: when it was written to the file, when it was stamped [ns], and its readings."""
 
     written: int
     stamped: int
@@ -38,15 +38,15 @@ class Row(NamedTuple):
 
 
 class Content(NamedTuple):
-    """The rows of each joint by (topic, name), and of each number of other topics (when it was written, its value)."""
+    """The rows of each joint by (topic, name), and the (time of writing, value) pairs of other topics' numbers."""
 
     joints: dict[tuple[str, str], list[Row]]
     numbers: dict[str, list[tuple[int, float]]]
 
 
 def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[str, Any]:
-    """A joint's t [s] since its first message, theta, theta_dot, torque, and the numbers of other topics held as last
-    sent: all names, or the columns that are wanted.
+    """The wanted columns of a bag, or the names of all: a joint's t [s] since its first message, theta, theta_dot and
+    torque, and the numbers of other topics, each held until the next is sent.
 
     Raises InvalidInput, in a sentence that lists them, where there are several joints and none is named.
     """
@@ -65,7 +65,7 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
         )
     written = np.array([row.written for row in own])
     clock = np.array([row.stamped for row in own])
-    clock = clock if clock.any() else written  # a robot that does not stamp
+    clock = clock if clock.any() else written  # this robot does not stamp its messages
     found["t"] = (clock - clock[0]) / 1e9
     return {
         ours: found[name] if name in found else _held(content.numbers[name], written) for ours, name in columns.items()
@@ -74,7 +74,7 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
 
 @lru_cache(maxsize=1)
 def _content(path: Path, files: tuple[Any, ...]) -> Content:
-    """What a bag holds; it is asked for its names, and then for its columns. files: what shows that it is another."""
+    """All that a bag holds, cached: names are asked for first, columns next. `files` changes with the bag's content."""
     from rosbags.typesys import Stores, get_typestore
 
     types, joints, numbers = get_typestore(Stores.ROS2_HUMBLE), defaultdict(list), defaultdict(list)
@@ -97,7 +97,7 @@ def _content(path: Path, files: tuple[Any, ...]) -> Content:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A bag's folder, or a file of one by what it holds: whatever it is called."""
+    """Open a bag's folder, or a single file of one by its content, whatever it is called."""
     from rosbags.rosbag2 import Reader
 
     plugin = "dir"
@@ -121,7 +121,7 @@ def _rows(message: Any, written: int) -> Iterator[tuple[str, Row]]:
 
 
 def _numbers(topic: str, data: Any) -> Iterator[tuple[str, float]]:
-    """The numbers of a message by the names of their columns."""
+    """The numbers of a message with the names of their columns."""
     if np.ndim(data) == 0:
         yield printable(topic), float(data)
     else:
@@ -129,7 +129,7 @@ def _numbers(topic: str, data: Any) -> Iterator[tuple[str, float]]:
 
 
 def _joint(path: Path, content: Content, joint: str) -> Sequence[Row]:
-    """The rows of the joint that is asked for, in the order of its stamps as they were written."""
+    """The rows of the joint that is asked for, in the order in which they were written."""
     read = {k: rows for k, rows in content.joints.items() if not np.isnan([r[2:4] for r in rows]).all()}
     often = Counter(name for _, name in read)
     called = {(topic, name): name if often[name] == 1 else f"{topic}:{name}" for topic, name in read}
@@ -143,7 +143,7 @@ def _joint(path: Path, content: Content, joint: str) -> Sequence[Row]:
 
 
 def _held(sent: Sequence[tuple[int, float]], written: Array) -> Array:
-    """The last number that was sent before each instant; nan before the first."""
+    """The last number that was sent before each instant (zero-order hold); nan before the first."""
     times, values = (np.array(v) for v in zip(*sent, strict=True))
     order = np.argsort(times, kind="stable")
     last = np.searchsorted(times[order], written, side="right") - 1

@@ -1,4 +1,4 @@
-"""Checks: what a log says about its own columns, units and zero before any model sees it."""
+"""Checks of a log's columns, units, zero and signs, before any model sees it."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ FACTORS = {
 
 
 def check_magnitude(name: str, table: Mapping[str, Array], titles: Mapping[str, str]) -> None:
-    """Raise InvalidInput where a column holds numbers that no machine shows: what follows would overflow."""
+    """Raise InvalidInput where a column holds numbers that no machine shows: later computations would overflow."""
     for ours, column in table.items():
         largest = float(np.max(np.abs(column), initial=0.0, where=np.isfinite(column)))
         check_size(f"{name}: column {titles[ours]!r} for {ours} reaches", largest, MAGNITUDE)
 
 
 def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str]) -> None:
-    """Raise InvalidInput where column t mostly does not increase; `titles` are the file's names of the columns."""
+    """Raise InvalidInput where column t goes backwards in a fifth of the rows; `titles` are the file's column names."""
     t = table["t"]
     if len(t) < 3 or np.mean(np.diff(t) < 0.0) < 0.2:
         return
@@ -49,9 +49,9 @@ def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str])
 
 
 def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
-    """Whether theta_dot is the rate of theta: InvalidInput where two columns are swapped, else notes on their units.
+    """Check that theta_dot is the rate of theta: InvalidInput where two columns are swapped, else notes on their units.
 
-    Compared are the change of one column over 0.1 s and the integral of the other, where it is largest. The numbers
+    The change of one column over 0.1 s is compared with the integral of the other, where that is largest. The numbers
     are the file's own: no zero and no unit has been converted yet.
     """
     moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
@@ -84,7 +84,7 @@ def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
 
 
 def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
-    """The typical difference between the two where it moves most, in units of the integral's typical size there."""
+    """The median of |change - integral| (`_changes`) over that of |integral|, in the fastest quarter of the rows."""
     change, integral = _changes(t, angle, speed)
     fast = np.abs(integral) >= np.percentile(np.abs(integral), 75.0)
     return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
@@ -93,14 +93,14 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
 def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
 
-    Of a `plant` that does not turn, none on angles, and forces in its units; of one without gravity, none on its zero.
+    A `plant` that does not turn gets no notes on angles, and forces in place of torques; without gravity none on zero.
     """
     found = []
     turns, newton = (True, "N m") if plant is None else (plant.turns, plant.unit("N m"))
     largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
     if turns and largest > 40.0:
         found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
-    if command == "position":  # a servo pulls at rest as well, and against the angle
+    if command == "position":  # what follows is of torques: a servo pulls at rest, too, and against the angle
         return tuple(found)
     if command == "torque" and not turns:
         command = "force"
@@ -118,7 +118,7 @@ def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, 
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
 
-    A geared joint that a controller moves slowly shows next to nothing of its acceleration, but what its torque holds:
+    If a controller moves a geared joint slowly, acceleration hardly shows. Its torque is then regressed instead:
 
     u = -G sin(theta) + J theta_ddot + b theta_dot + tau_c sign(theta_dot) + d,   G > 0 is expected
     """
@@ -157,8 +157,8 @@ def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, 
 
 
 def _shares(A: Array, b: Array) -> tuple[Array, float]:
-    """How much of the spread of b (n,) each column of A (n, m) accounts for in a least-squares fit, with its sign, and
-    what share of the variance of b no column does."""
+    """The share of the spread of b (n,), with its sign, that each column of A (n, m) accounts for in a least-squares
+    fit, and the share of b's variance that the fit leaves unexplained."""
     fit = np.linalg.lstsq(A, b, rcond=None)[0]
     unexplained = float(np.sum((b - A @ fit) ** 2) / np.sum((b - b.mean()) ** 2 + 1e-300))
     return fit * A.std(axis=0) / max(float(b.std()), 1e-300), unexplained
@@ -167,7 +167,7 @@ def _shares(A: Array, b: Array) -> tuple[Array, float]:
 def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:
     """Raise InvalidInput where every channel of every record is constant up to the sensor's noise.
 
-    A channel moves where the variance of its means over ten samples is above three times sigma^2 / 10.
+    A channel moves if the variance of its means over ten samples is above three times that of noise, sigma^2 / 10.
     """
     ranges = []
     for channel, sd in (("theta", sensor.theta), ("theta_dot", sensor.theta_dot)):

@@ -1,4 +1,4 @@
-"""Columns: which of a log's are t, theta, theta_dot, torque and rollout, what its clock counts, and lost signs."""
+"""Columns: which of a log's columns is which, the unit of its clock, and signs that its registers lost."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sysid.physics.ops import Array
 
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
 Command = Literal["torque", "current", "voltage", "position"]
-"""What a machine was told: see `sysid.physics.effects.actuators`."""
+"""The kind of a machine's command: see `sysid.physics.effects.actuators`."""
 ALSO_TORQUE = ("u", "command", "force")
-"""What else a command may be called, whatever it is."""
+"""Other names that a command of any kind may have."""
 LOOKS_LIKE = {
     "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
     "theta": r"theta$|angle|pos|^q\d*$|phi",
@@ -36,22 +36,22 @@ NAMED: dict[TimeUnit, str] = {
     "s": r"s|secs?|seconds?",
 }
 SLOW = 0.5
-"""Rows that are so far apart [s] follow no pendulum: the clock may count something shorter."""
+"""Rows that are so far apart [s] cannot follow a pendulum: the clock may count a shorter unit."""
 FINEST = 2e-5
-"""Nor does a logger write rows nearer to each other than this [s], whatever a column is called."""
+"""No logger writes rows nearer to each other than this [s]: a unit in a column's name that says so is not believed."""
 FEWEST = 10
-"""Rows that the unit of a clock can be told from."""
+"""Rows from which the unit of a clock can be inferred."""
 BITS = (16, 32)
-"""Widths of the registers that servos have."""
+"""Widths of servos' registers."""
 EMPTY = 0.25
-"""The share of a register's range, on either side of its middle, in which no value may lie."""
+"""Share of a register's range, on either side of its middle, in which no value lies if a sign was lost."""
 
 
 # ---- names -----------------------------------------------------------------------------------------------------------
 
 
 def wanted_columns(columns: str | Mapping[str, str] | None, command: Command = "torque") -> dict[str, str]:
-    """{our name: the file's name} that the user asked for; a command may be named as what it is."""
+    """{our name: the file's name} that the user asked for; the command may go by its kind, such as "current"."""
     if columns is None:
         return {}
     pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
@@ -78,7 +78,7 @@ def chosen_columns(
 ) -> dict[str, str]:
     """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found.
 
-    A log need not have a torque, but a `command` of another kind, which the user has asked for.
+    A torque may be missing (a free swing), but not a `command` of another kind, for which the user has asked.
     """
     listed = ", ".join(title for title in found if title) or "none"
     for ours, theirs in wanted.items():
@@ -98,9 +98,9 @@ def chosen_columns(
 
 
 def named_columns(found: Sequence[str], command: Command = "torque") -> dict[str, str]:
-    """{our name: the file's name} of the columns that are called as we call them.
+    """{our name: the file's name} of the columns that have our names.
 
-    A command is called what it is, u or command; a column named position is most often the angle that was read.
+    The command may go by its kind, u, command or force, but "position" most often names the angle that was read.
     """
     own = {name: name for name in NAMES if name in found}
     names = ("torque", *ALSO_TORQUE) if command == "position" else (command, "torque", *ALSO_TORQUE)
@@ -109,7 +109,7 @@ def named_columns(found: Sequence[str], command: Command = "torque") -> dict[str
 
 
 def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """{our name: the file's name} of what is not chosen yet, by what the file's names look like."""
+    """A guess at {our name: the file's name} for what is not chosen yet, by the look of the file's names."""
     likely, free = {}, [name for name in found if name not in chosen.values()]
     for ours, pattern in LOOKS_LIKE.items():
         match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
@@ -132,11 +132,11 @@ def _named_unit(title: str) -> TimeUnit | None:
 
 
 def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeUnit, str]:
-    """The unit of column t, and what shows it.
+    """The unit of column t, and the reason for it as half a sentence, empty for seconds that nothing contradicts.
 
-    The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
-    is the rate of the angle. name and title are those of the log and of its column t, the reason is half a sentence,
-    empty where nothing speaks against seconds. Raises InvalidInput where seconds cannot be and nothing tells the unit.
+    A unit in the name of the column counts unless rows would be absurdly near to each other; next comes the unit in
+    which the speed is the rate of the angle. `name` and `title` are those of the log and of its column t. Raises
+    InvalidInput if the unit cannot be seconds and nothing shows which it is.
     """
     steps = np.diff(table["t"][np.isfinite(table["t"])])
     steps = steps[steps > 0.0]
@@ -168,7 +168,7 @@ def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[Time
 def in_seconds(
     source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
 ) -> Table:
-    """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
+    """The columns of the rows in the window, with t converted to seconds and a note if it was."""
     everything = math.isinf(window.begin) and math.isinf(window.end)
     table = source.load(chosen, window.most if everything else RAW_ROWS)
     if unit is None:
@@ -187,8 +187,8 @@ def with_signs(
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """The columns of a log with the signs that their registers lost, and a note on each.
 
-    A servo's load, current or speed is a signed integer of 16 or 32 bits. Read without its sign, -1 is 65535: the
-    column then has integers near 0 and integers just below 2^16, and none between.
+    A servo's load, current or speed is a signed integer of 16 or 32 bits. If it is logged as unsigned, -1 becomes
+    65535: the column then has integers near 0 and integers just below 2^16, but none in between.
     """
     found, notes = dict(table), []
     for key in ("theta", "theta_dot", "torque"):
@@ -204,7 +204,7 @@ def with_signs(
 
 
 def _register(values: Array) -> int:
-    """The bits of the register whose sign was lost; 0 where none was."""
+    """The width [bits] of the register whose sign was lost; 0 if none was."""
     known = values[np.isfinite(values)]
     if len(known) == 0 or np.any(known < 0.0) or np.any(known != np.round(known)):
         return 0

@@ -1,7 +1,7 @@
-"""Computed columns: whether a logged speed or torque was worked out from the readings, and carries their errors.
+"""Computed columns: whether a logged speed or torque was computed from the readings, and carries their errors.
 
-A drive without a tachometer differences its encoder, perhaps filters what comes out, and logs that as the speed: who
-takes it for an independent reading counts every error twice. A digital controller makes its torque of the readings.
+A drive without a tachometer differences its encoder, perhaps filters the result, and logs that as the speed: taken for
+an independent reading, it would count every error twice. A digital controller computes its torque from readings.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from sysid.data.record import Record
 from sysid.physics.ops import Array
 
 BEFORE, AFTER, OWN_SPEEDS = 24, 4, 2
-"""The readings of the angle before and after an instant, and the speeds before it, that may have made its speed."""
+"""How many readings of the angle before and after an instant, and speeds before it, its speed may be computed from."""
 FEWEST_SPEEDS = 80
-"""Instants that the comparison of angle and speed must rest on."""
+"""Instants that the comparison of angle and speed needs."""
 COMPUTED = 0.5
-"""A speed of whose error the angle's errors leave less than this share (of the variance) was computed from them."""
+"""A speed was computed if the angle's errors leave less than this share of the variance of its error unexplained."""
 OWN_TORQUES, LATE = 3, 3
-"""Torques before it that a torque is predicted from, and readings before it that a controller may have used."""
+"""How many torques before an instant predict its torque, and how many readings before it a controller may use."""
 FEWEST_TORQUES, MOST_TORQUES = 50, 20_000
-"""Instants that the comparison of torque and readings must rest on, and that it looks at."""
+"""Instants that the comparison of torque and readings needs, and that it uses at most."""
 FOLLOWS = 0.25
-"""Share of a torque's innovations that its readings may leave unexplained, where it was computed from them."""
+"""A torque was computed if the readings leave less than this share of the variance of its innovations unexplained."""
 FAR = 3.3
-"""Innovations beyond that many sd are steps of a reference: no reading explains them."""
+"""Innovations beyond that many sd are steps of a controller's reference, which no reading explains."""
 
 
 def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
@@ -38,13 +38,13 @@ def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
 
         e_v[k] = sum_{i=1}^{2} a_i e_v[k-i]  +  sum_{j=-4}^{24} c_j e_theta[k-j]  +  rest
 
-    The share is the variance of the rest over that of the same regression without e_theta. It covers differences,
-    moving averages of up to 24 readings and filters of first and second order behind them. angle and speed (n,) are
-    what one linear filter that takes out the motion leaves of both channels, edges (R,) where each record's part ends;
-    1 where there is too little to compare.
+    It is the variance of the rest over that of the same regression without e_theta, and 1 where there is too little to
+    compare. The regression covers differences, moving averages of up to 24 readings, and filters of first and second
+    order behind them. angle and speed (n,) are the errors: what is left of both channels once one linear filter has
+    taken out the motion. edges (R,) are where each record's part ends.
     """
     own, others, targets = [], [], []
-    before = min(BEFORE, len(speed) // 12)  # of a short log fewer
+    before = min(BEFORE, len(speed) // 12)  # fewer in a short log
     for first, last in pairwise((0, *edges)):
         x, y = angle[first:last], speed[first:last]
         k = np.arange(max(before, OWN_SPEEDS), len(x) - AFTER)
@@ -61,7 +61,7 @@ def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
 
 
 def _rest(A: Array, b: Array, rows: Any = slice(None)) -> Array:
-    """What a regression on the columns of A (n, c), made in some of the rows, leaves of b (n,)."""
+    """The residuals of b (n,) from a regression on the columns of A (n, c) that is fitted to some of the rows."""
     size = np.linalg.norm(A, axis=0)
     S = A / np.where(size > 0.0, size, 1.0)
     rest: Array = b - S @ np.linalg.lstsq(S[rows], b[rows], rcond=1e-10)[0]
@@ -74,8 +74,8 @@ def is_difference(records: Sequence[Record]) -> bool:
         theta_dot[k] = c d[k] + (1 - c) d[k-1]   or   a theta_dot[k-1] + (1 - a) d[k-1],
         d[k] = (theta[k+1] - theta[k]) / dt,   0 <= a < 1
 
-    A true speed differs from any of these by what a difference formula leaves out, dt^2 theta''' / 12 at least, and by
-    the noise of the angle. A tenth of that is asked for: this serves where there is no noise to compare.
+    A true speed differs from each of these by the angle's noise and by a difference's truncation error, which is at
+    least dt^2 theta''' / 12. A tenth of the latter is allowed here. The test serves where there is no noise to compare.
     """
     gaps, parts, slopes, third = [], [], [], []
     for r in records:
@@ -103,9 +103,9 @@ def follows_readings(records: Sequence[Record]) -> bool:
 
         u[k] = sum_{i=1}^{3} a_i u[k-i] + c  (+ sum_{j=0}^{3} b_j y[k-j])  + innovation
 
-    The noise of an instant's reading moves no torque but one that was computed from it. So in an open loop the readings
-    tell nothing of a torque's innovations beyond its own past, and in a closed one nearly all: three quarters are asked
-    for. False where there is too little to compare.
+    A reading's noise moves only a torque that was computed from it. In an open loop the readings therefore explain
+    nothing of a torque's innovations beyond its own past, in a closed one nearly all; three quarters are asked for.
+    False where there is too little to compare.
     """
     own, readings, targets, seen = [], [], [], 0
     for r in records:
@@ -125,7 +125,7 @@ def follows_readings(records: Sequence[Record]) -> bool:
 
 
 def _innovation(A: Array, u: Array) -> float:
-    """The typical size of what a regression on the columns of A (n, c) leaves of u (n,), steps of a reference apart."""
+    """The typical residual of u (n,) from a regression on the columns of A (n, c), without steps of a reference."""
     keep = np.ones(len(u), dtype=bool)
     for _ in range(4):
         rest = _rest(A, u, keep)

@@ -1,6 +1,6 @@
-"""Digitisation: the step to which a sensor rounds its readings, and for how many rows a slow one repeats each of them.
+"""Digitisation: the quantisation step of a sensor, and for how many rows a slow one repeats (holds) each reading.
 
-Taken for fresh, a held reading is late by up to its age, and its staircase is the noise of no sensor.
+A held reading that is taken for a fresh one is late by up to its age, and its staircase looks like no sensor's noise.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from sysid.physics.ops import Array
 
 CANDIDATES = (0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)
-"""The quantiles of the changes between readings that are tried as their step, the largest change first."""
+"""Quantiles of the changes between readings that are tried as quantisation step, the largest first."""
 SHORTEST = 3
-"""Rows that a reading must be held for: two in a row are common where two clocks meet."""
+"""Rows that a reading must be held for: twice the same reading is common where two clocks meet."""
 FEWEST = 20
-"""Jumps that a holding must show in."""
+"""Jumps from which a holding is inferred, at least."""
 REGULAR = 0.85
-"""The share of all jumps that must come at the sensor's interval."""
+"""Share of all jumps that must come at the sensor's interval."""
 FAR = 2.5
-"""A jump of more than this many of a sensor's steps: a fresh sensor that moves so fast changes in every row."""
+"""A jump is a change by more quantisation steps: at such a speed a fresh sensor changes in every row."""
 
 
 def quantisation_step(series: Sequence[Array]) -> float:
-    """The step q of which the changes between neighbouring readings are multiples; 0 where there is none.
+    """The quantisation step q, of which all changes between neighbouring readings are multiples; 0 where there is none.
 
-    A candidate fits where nine in ten of the changes below 20 q are multiples of it to 5 %; the largest that fits is
-    taken (changes of a reading that is not rounded would fit in one case in ten).
+    A candidate fits if nine in ten of the changes below 20 q are multiples of it to 5 % of q (if readings are not
+    rounded, one in ten is); the largest that fits is taken.
     """
     size = np.abs(np.concatenate([np.diff(y) for y in series]))
     moved = size[size > 1e-9 * np.max(size, initial=0.0)]
@@ -49,12 +49,11 @@ def quantisation_step(series: Sequence[Array]) -> float:
 
 
 def holding(series: Iterable[Array]) -> float:
-    """For how many rows each reading of a channel (K,), one array a rollout, is held: 4.5 where 4 and 5 take turns.
+    """For how many rows each reading of a channel (K,), one array for each rollout, is held; 4.5 if 4 and 5 take turns.
 
-    An encoder that moves slowly repeats its readings too, but then changes by one step, after rests of any length; a
-    machine at rest does not change at all. A held reading changes by many steps, and always after the same number of
-    rows. So jumps of more than 2.5 steps are looked at: before most of them the reading was held for the same
-    number of rows, 3 or more. 1 where that is not so: every row has a fresh reading.
+    A slowly moving encoder repeats its readings too, but after rests of any length, and then it changes by one step.
+    Held readings change by many steps, always after the same number of rows. A channel is therefore held if most jumps
+    of more than 2.5 steps come after the same number of rows, 3 or more; otherwise the answer is 1: all are fresh.
     """
     series = [values for values in series if len(values) > 2]
     if not series:
@@ -76,17 +75,16 @@ def holding(series: Iterable[Array]) -> float:
 
 
 def fresh(values: Array, rows: float) -> NDArray[np.intp]:
-    """The rows (n,) of fresh readings of a channel (K,), each of which is held for so many rows.
+    """The rows (n,) of fresh readings in a channel (K,) each of whose readings is held for `rows` rows.
 
-    They are the rows at which the channel changes, and within longer rests, where the same reading came again, one
-    every `rows` rows.
+    These are the rows at which the channel changes and, in longer rests (the same value came again), every `rows`-th.
     """
     changed = np.diff(values) != 0.0
     edges = np.concatenate(([0], np.flatnonzero(changed) + 1, [len(changed) + 1]))
     found: list[int] = []
     for k, (first, last) in enumerate(pairwise(edges.tolist())):
         again = max(round((last - first) / rows), 1)
-        if k == 0:  # counted from its end: nobody knows when it came
+        if k == 0:  # counted from its end: when it came is unknown
             found += [row for row in (last - round(rows * i) for i in range(again, 0, -1)) if row >= first]
         else:
             found += [first + round(rows * i) for i in range(again)]
@@ -94,6 +92,6 @@ def fresh(values: Array, rows: float) -> NDArray[np.intp]:
 
 
 def changes_together(held: Array, other: Array) -> bool:
-    """Whether the changes of `other` (K,) come in the rows in which `held` (K,) changes, four in five of them."""
+    """Whether four in five changes of `other` (K,) come in rows in which `held` (K,) changes."""
     first, second = np.diff(held) != 0.0, np.diff(other) != 0.0
     return bool(np.sum(first & second) >= 0.8 * np.sum(second))

@@ -1,4 +1,4 @@
-"""Files: every name goes through here, and what is written is whole or not there.
+"""Files: every path is checked here, and what is written is whole or not there.
 
 Whatever the file system refuses (a name too long, links in a circle, a device, a folder without permission) becomes a
 sentence. A full disk or a power cut never leaves half of a file in the place of another.
@@ -18,12 +18,12 @@ from typing import IO
 from sysid.errors import InvalidInput
 
 LARGEST = 1 << 26
-"""Bytes of a file that is read at once, such as a model.json."""
+"""Bytes, at most, of a file that is read at once, such as a model.json."""
 
 
 @contextmanager
 def named(path: Path, doing: str) -> Iterator[None]:
-    """Turn what the file system says of a name into a sentence; nothing else may be done within."""
+    """Turn the file system's errors about a path into one sentence; nothing but file access may be done within."""
     try:
         yield
     except InvalidInput:
@@ -58,14 +58,14 @@ def check_input(path: Path, expected: str, largest: float = LARGEST) -> None:
 
 
 def read_file(path: Path, expected: str, largest: float = LARGEST) -> bytes:
-    """What a file holds. Raises InvalidInput as `check_input` does."""
+    """The content of a file. Raises InvalidInput as `check_input` does."""
     check_input(path, expected, largest)
     with named(path, "read"):
         return path.read_bytes()
 
 
 def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], replace: bool = True) -> None:
-    """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and stays."""
+    """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and must stay."""
     read_from = {full_path(p, "read") for p in inputs if p is not None}
     written: set[Path] = set()
     for path in (p for p in outputs if p is not None):
@@ -85,12 +85,12 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 
 
 def partial(path: Path) -> Path:
-    """Where a file grows until it is whole."""
+    """The path at which a file is written until it is complete."""
     return path.with_name(path.name + ".partial")
 
 
 def save_file(path: Path | str, content: bytes | str) -> None:
-    """`write_whole` for what a user asked for: raises InvalidInput, in a sentence, where it cannot be written."""
+    """Write a file that a user asked for; where that fails it raises InvalidInput, in a sentence, and not OSError."""
     check_outputs((), [Path(path)])
     with named(Path(path), "write"):
         write_whole(Path(path), content)
@@ -107,9 +107,9 @@ def save_csv(path: Path | str, columns: Iterable[str], rows: Iterable[Iterable[o
 
 @contextmanager
 def whole(path: Path) -> Iterator[IO[bytes]]:
-    """A file that replaces an older one only when it was written to its end and is on the disk.
+    """Open a file for writing that replaces an older one only once it is complete and on the disk.
 
-    Raises OSError, which names the file, and leaves the older one and no rest of the new.
+    On failure it raises OSError with the file's name, keeps the older file and removes what was written.
     """
     growing = partial(path)
     try:

@@ -1,8 +1,8 @@
-"""What reads the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
+"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
 
-Each takes a path and the columns that are wanted, {our name: the file's name} or None for the names alone. None loads a
-pickle. Those of READERS, which also take the name of a joint, rest on compiled libraries, and are called where a crash
-harms nothing: see `sysid.data.guarded`.
+Each reader takes a path and the columns that are wanted, {our name: the file's name}, or None for the names alone. None
+of them loads a pickle. Those in READERS rest on compiled libraries and also take the name of a joint; they are called
+in a process in which a crash harms nothing (`sysid.data.guarded`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Columns = Mapping[str, str] | None
 
 @contextmanager
 def foreign(path: Path, expected: str) -> Iterator[None]:
-    """Whatever a reader of foreign bytes stumbles over becomes one sentence: a damaged file may raise anything."""
+    """Turn any error of a reader into one sentence, since a damaged file may raise anything."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -41,7 +41,7 @@ def foreign(path: Path, expected: str) -> Iterator[None]:
 
 
 def read_npz(path: Path, columns: Columns = None) -> dict[str, Any]:
-    """NumPy's .npz, whose arrays are taken out of their bytes: none is a pickle, none larger than what it holds."""
+    """NumPy's .npz, read from its bytes: no array is unpickled, and none is larger than the bytes that are there."""
     with foreign(path, "an .npz file of plain arrays: expected one as numpy.savez makes it"), ZipFile(path) as file:
         sizes = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
         if columns is None:
@@ -52,7 +52,7 @@ def read_npz(path: Path, columns: Columns = None) -> dict[str, Any]:
 
 
 def _plain_array(content: bytes) -> Array:
-    """An .npy file's array, which holds as many numbers as there are bytes, whatever its header claims."""
+    """The array of an .npy file, with as many numbers as there are bytes, whatever its header claims."""
     file = BytesIO(content)
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -75,9 +75,9 @@ def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
 
 
 def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
-    """An HDF5 file, as MATLAB's version 7.3 is one; the members of its groups (structs) count as columns.
+    """An HDF5 file, such as MATLAB's version 7.3 writes; the members of its groups (structs) count as columns.
 
-    Only what the file itself holds is read: no link and no storage leads out of it.
+    Only what the file itself holds is read: links out of it are passed over, and columns stored elsewhere are refused.
     """
     import h5py
 
@@ -96,7 +96,7 @@ def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
 
 
 def _members(h5py: Any, group: Any) -> Iterator[tuple[str, Any]]:
-    """What a group itself holds: what MATLAB keeps for its own use, and links to elsewhere, are left out."""
+    """The members that a group itself holds, without MATLAB's internal ones and without links to elsewhere."""
     for name in group:
         if not name.startswith("#") and isinstance(group.get(name, getlink=True), h5py.HardLink):
             yield name, group[name]
@@ -139,4 +139,4 @@ READERS: dict[str, tuple[Callable[[Path, Columns, str], dict[str, Any]], str]] =
     "parquet": (_parquet, "a Parquet file that is whole"),
     "bag": (read_bag, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"),
 }
-"""What reads a format, and what a file is not that it stumbles over."""
+"""The reader of each format, and what its error message says that a file should have been."""

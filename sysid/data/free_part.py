@@ -1,9 +1,9 @@
-"""Free part: a free swing begins where the machine is let go and ends where it is caught, and not where the log does.
+"""Free part: the part of a free swing in which no hand lifts, holds or catches the machine.
 
-There a hand lifts it or holds it: a torque acts that no model has, and bends every number. A machine without a drive
-only loses energy. So no swing goes further from the rest than the first one, and what a log shows before it leaves that
-place for good was made by a hand, where it stood there, or took longer than a swing does. Nor does it come to rest
-before its swings are as small as what its friction holds, but in a hand.
+A hand's torque is in no model and bends every number. It shows because a machine without a drive only loses energy. No
+swing goes further from the rest than the first; so what comes before the machine leaves its furthest place for good was
+made by a hand, if it stood there or took longer than a swing does. And the machine comes to rest by itself only once
+its swings are as small as what friction holds; where it stops earlier, a hand has caught it.
 """
 
 from __future__ import annotations
@@ -16,26 +16,25 @@ from sysid.data.record import Record
 from sysid.physics.ops import Array
 
 LEFT, HALF = 0.95, 0.5
-"""Shares of the largest deflection: below the first the machine is let go, at the second it is on its way."""
+"""Shares of the largest deflection: below LEFT the machine has been let go, at HALF it is on its way."""
 ACROSS = 0.25
-"""A deflection to the other side, as a share of the largest, after which a log shows swings and no preparation."""
+"""A log that has gone so far to the other side (share of the largest deflection) shows swings and no preparation."""
 LONGER = 7.0
-"""Multiple of the time from the first to the second deflection, until which a swing may have come from the other side:
-five, with a margin."""
+"""A swing from the other side reaches LEFT within 5 times the time from LEFT to HALF; this adds a margin."""
 STILL = 0.1
-"""The share of its way to the first that it has gone after half of the time, at most, where it stands; what is let go
-at the first sample has gone a quarter."""
+"""A machine stands if half of the time before LEFT takes it at most this share of the way there; if it were let go at
+the first sample, it would have gone a quarter."""
 TURNS = 0.05
-"""The prominence of a swing, and the way within which the machine stands, as a share of all of its way."""
+"""The least prominence of a turn, and the range within which the machine stands, as shares of the whole range."""
 STICKS = 3.0
-"""How many times the friction of its motion may hold a machine at rest."""
+"""Friction that may hold a machine at rest, at most, in units of the friction of its motion."""
 FEWEST = 6
-"""Samples that show whether it stands, and that are left to fit, at least."""
+"""Samples, at least, that show whether it stands, and that must be left to fit."""
 
 
 def free_part(record: Record) -> tuple[Record, str]:
-    """The part of a record in which no hand holds the machine, and a sentence where that is not all of it, which else
-    is empty: of a record in which angles are read and a torque does not act where it is held."""
+    """The part of a record in which no hand holds the machine, and a sentence on what is left out, empty for nothing.
+    Nothing is left out of a record without angles, or where a torque acts meanwhile."""
     if record.theta is None or not record.has_angles:
         return record, ""
     known = np.flatnonzero(np.isfinite(record.theta))
@@ -54,7 +53,7 @@ def free_part(record: Record) -> tuple[Record, str]:
 
 
 def _let_go(theta: Array) -> int:
-    """The sample from which a motion (K,) is free, where that is not the first."""
+    """The sample from which a motion (K,) is free; 0 if it is free from the first."""
     deflection = theta - float(np.median(theta[len(theta) // 2 :]))
     largest = float(np.max(np.abs(deflection)))
     if largest == 0.0:
@@ -75,11 +74,10 @@ def _let_go(theta: Array) -> int:
 
 
 def _caught(theta: Array) -> int:
-    """The last sample at which a motion (K,) turns round before it stands where friction could not hold it; 0 where it
-    does not.
+    """The last turn (sample) of a motion (K,) that then stands where friction could not hold it; 0 if it does not.
 
-    With dry friction tau_c against a stiffness k each half swing is shorter than the one before by 4 tau_c / k, with
-    other losses by less and less, and the machine comes to rest at most tau_c / k beside the middle.
+    With dry friction tau_c against a stiffness k, each half swing is shorter than the one before by 4 tau_c / k; other
+    losses shorten it by less and less. The machine comes to rest at most tau_c / k beside the middle.
     """
     from scipy.signal import find_peaks  # loads for a fifth of a second
 

@@ -1,8 +1,8 @@
-"""Reading in a process of its own what a compiled library parses: damaged bytes may crash it, stall it, or make it ask
-for all the memory there is.
+"""Guarded reading: compiled parsers run in a process of their own.
 
-One such process serves all reads of a program. It is told a question in a line of JSON, and answers with a line of JSON
-and the columns' bytes; when it has ended, or takes too long, the file is refused and the next question starts another.
+Damaged bytes may crash such a parser, stall it or make it ask for all memory. One process serves all reads of a
+program. It is asked in a line of JSON, and answers with a line of JSON and the columns' bytes. If it ends or takes too
+long, the file is refused, and the next question starts another process.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from sysid.data.table import column
 from sysid.errors import InvalidInput
 
 MEMORY = 6 << 30
-"""Bytes that the process may take."""
+"""Bytes of memory that the process may take."""
 LARGEST_FILE = 1 << 31
-"""Bytes of a file that it may write, where a compressed bag is unpacked."""
+"""Bytes of a file that the process may write, when it unpacks a compressed bag."""
 SECONDS = 120.0
 """How long a question may take."""
 PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from sysid.data.guarded import answer_questions; answer_questions()"
 
 
 class Reader:
-    """The process that reads, of one owner."""
+    """The process that reads; it belongs to the process that started it."""
 
     def __init__(self) -> None:
         self.owner = os.getpid()
@@ -46,11 +46,11 @@ class Reader:
 
     @property
     def ready(self) -> bool:
-        """Whether it can be asked: it runs, and is no copy that a fork has made."""
+        """Whether it can be asked: it runs, and this object is no copy that a fork has made."""
         return self.owner == os.getpid() and self.process.poll() is None
 
     def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a question, its columns as arrays. Raises EOFError where the process ends over it."""
+        """Ask a question and return the answer, its columns as arrays. Raises EOFError if the process ends over it."""
         assert self.process.stdin and self.process.stdout
         late = threading.Timer(SECONDS, self.process.kill)
         late.start()
@@ -70,7 +70,7 @@ class Reader:
             late.cancel()
 
     def end(self) -> None:
-        """End the process, and leave nothing of it."""
+        """Kill the process and close its pipes."""
         with suppress(OSError), self.process:
             self.process.kill()
 
@@ -80,14 +80,14 @@ _lock = threading.Lock()
 
 
 def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
-    """What a reader of `sysid.data.foreign_files` finds: all names, or the columns {our name: the file's name}.
+    """Run a reader of `sysid.data.foreign_files` in the guarded process, and return what it finds.
 
     Raises InvalidInput as the reader does, and where it crashes, takes too long or needs too much memory.
     """
     global _reader  # noqa: PLW0603 - the process is started once
     with _lock:
         if _reader is None or not _reader.ready:
-            _reader = Reader()  # which ends with its input, as this program does
+            _reader = Reader()  # it ends when its input does: with this program
         question = {"kind": kind, "path": os.fspath(path.absolute()), "columns": columns, "joint": joint}
         try:
             answer = _reader.ask(question)
@@ -104,7 +104,7 @@ def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None
 
 
 def answer_questions() -> None:
-    """Answer questions from the standard input until it ends. What libraries print goes nowhere."""
+    """Answer questions from the standard input until it ends; what libraries print is discarded."""
     _limit()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

@@ -1,6 +1,6 @@
-"""Jitter: stamps that are early or late at random, as of a bus that is polled or a message that waits.
+"""Jitter: time stamps that are early or late at random, because a bus is polled or a message waits.
 
-A joint that moves was then read that much earlier or later, which is an error of its angle of theta_dot times as much.
+A moving joint was then read that much earlier or later: its angle is off by theta_dot times the error of the stamp.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 from sysid.physics.ops import Array
 
 SPAN = 0.1
-"""Seconds over which a speed is averaged that says how far a late reading is off."""
+"""Seconds over which the speed is averaged that turns an error of the stamp into one of the angle."""
 ORDERS = (4, 6, 8)
-"""Orders of difference of which the motion leaves ever less, and jitter the same."""
+"""Orders of difference: the higher the order, the less is left of the motion, whereas jitter stays the same."""
 BINS, FEWEST = 8, 40
-"""Bins of the speed in which the errors are told, and errors that each needs."""
+"""Bins of speed in each of which the size of the errors is found, and the least number of errors in a bin."""
 RATIOS = tuple(2.0**k for k in range(1, 25))
-"""Mean squares of what jitter makes of the angle, over that of its own error, that are tried: jitter is most of it."""
+"""Ratios that are tried of the error variance by jitter to the angle's own; from 2, as jitter must be most of it."""
 BETTER = 0.75
-"""Share of the misfit without jitter that is left where there is one."""
+"""Jitter is found where it lowers the misfit to less than this share."""
 AGREE = 1.5
-"""Ratio of the jitter by the lowest and by the highest order from which it is the motion."""
+"""If the lowest order gives this many times the jitter that the highest gives, what it sees is the motion."""
 
 
 def speed_about(theta: Array, dt: float) -> Array:
-    """The mean speed (K,) [rad/s] over a tenth of a second about each reading, or over four samples."""
+    """The mean speed (K,) [rad/s] over a tenth of a second (four samples at least) about each reading."""
     half = max(2, round(0.5 * SPAN / dt))
     at = np.arange(len(theta))
     after, before = np.minimum(at + half, len(theta) - 1), np.maximum(at - half, 0)
@@ -40,9 +40,9 @@ def stamp_jitter(angles: Sequence[Array], dt: float, floor: float) -> tuple[floa
 
         var(D^m theta) / C(2m, m) = sd^2 + jitter^2 theta_dot^2
 
-    of the m-th difference D^m of the readings, by the medians of |D^m theta| in bins of the speed (least absolute
-    deviations of their logarithms, which one odd bin does not bend); an error below the `floor` [rad] is rounding.
-    Where the motion is faster than the readings, what it leaves falls with m.
+    for the m-th difference D^m of the readings. The left side is the median of |D^m theta| in bins of speed, at least
+    the `floor` [rad] of rounding, squared. The right side is fitted by least absolute deviations of logarithms, which
+    one odd bin does not bend. What seems to be jitter but falls with m is fast motion.
     """
     found = [_by_order(angles, dt, m, floor) for m in ORDERS]
     if any(jitter == 0.0 for jitter, _ in found) or found[0][0] > AGREE * found[-1][0]:

@@ -1,6 +1,6 @@
-"""JSON: what a file holds, taken out name by name, and what an answer holds, as plain data.
+"""JSON: entries of a file, checked one by one, and answers as plain data.
 
-Whatever is missing in a file or of another kind becomes a sentence.
+An entry that is missing or of another type becomes an InvalidInput in one sentence.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from sysid.errors import InvalidInput, excerpt
 
 Kind = TypeVar("Kind")
 LONGEST_TEXT = 1000
-"""Characters of a name or of a sentence in a file."""
+"""Characters, at most, of a name or a sentence in a file."""
 LARGEST_NUMBER = 1e150
-"""No parameter is beyond this: its square is still a number."""
+"""Finite numbers in a file may be no larger, so that their squares are still numbers."""
 
 
 def read_json(path: Path, expected: str) -> Any:
-    """What a JSON file holds. Raises InvalidInput where it cannot be read or is none; expected: what it should be."""
+    """The content of a JSON file that should be what `expected` says; raises InvalidInput where it cannot be read."""
     try:
         return json.loads(read_file(path, expected))
     except InvalidInput:
@@ -35,7 +35,7 @@ def read_json(path: Path, expected: str) -> Any:
 
 
 def entry(saved: Any, name: str) -> Any:
-    """What stands under a name; raises InvalidInput where nothing does, as the functions below do."""
+    """The entry of that name; like the functions below it raises InvalidInput if there is none."""
     if not isinstance(saved, Mapping) or name not in saved:
         raise InvalidInput(f"it has no {name!r}")
     return saved[name]
@@ -87,8 +87,8 @@ def count(saved: Any, name: str) -> int:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON holds it: lists for arrays and tuples, objects for dataclasses (those of their `to_dict`, where
-    they have one), null for what is not finite."""
+    """A value as plain JSON data: arrays and tuples as lists, dataclasses as objects (by their `to_dict` if they have
+    one), numbers that are not finite as null."""
     if hasattr(value, "to_dict"):
         value = value.to_dict()
     if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""What a log is read from: a file of any of the formats, told by what it holds and not by its name, or a DataFrame."""
+"""Sources of logs: files of any of the formats, recognised by content and not by name, and DataFrames."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ BEGINS = {
     b"SQLite format 3\0": "bag",
     b"#ROSBAG V": "bag of ROS 1",
 }
-"""What a file of each format begins with; text begins with none of these."""
+"""The first bytes of a file of each format; a text file begins with none of these."""
 NEEDS = {"hdf5": "h5py", "parquet": "pyarrow", "bag": "rosbags"}
-"""The packages that read a format, of the extra [files]."""
+"""The package that reads a format; all are in the extra [files]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class Source:
 
     name   what sentences call it
     title  what its rollouts are called
-    names  the names of its columns; raises InvalidInput for what is no log
-    load   the columns {our name: the log's name}, of text `most` rows at most; missing numbers are nan
+    names  reads the names of its columns; raises InvalidInput for what is no log
+    load   reads columns {our name: the log's name}, at most `most` rows of text; missing numbers are nan
     """
 
     name: str
@@ -49,9 +49,9 @@ class Source:
 
 
 def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
-    """What each path or DataFrame can be read as; rollouts are called as the files, with their folder where two agree.
+    """A Source for each path or DataFrame; its rollouts have the file's name, with the folder where two names agree.
 
-    Raises InvalidInput for a file that cannot be read, and a joint that is asked for of what is no bag.
+    Raises InvalidInput for a file that cannot be read, and if a joint is asked for of anything but a bag.
     """
     logs = [log for one in given for log in ([one] if _is_frame(one) or isinstance(one, str | PathLike) else one)]
     if not logs:
@@ -88,7 +88,7 @@ def _file(path: Path, title: str, joint: str) -> Source:
 
 
 def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Mapping[str, Any]]) -> Source:
-    """A log of arrays; read gives those that are wanted, or names of all."""
+    """A Source of whole arrays; `read` gives the columns that are wanted or, for None, the names of all."""
 
     def load(columns: Mapping[str, str], most: int) -> Table:
         return rows_of(name, {ours: column(name, columns[ours], values) for ours, values in read(columns).items()})
@@ -115,7 +115,7 @@ def _kind(path: Path) -> str:
 
 
 def _is_mat_4(begin: bytes) -> bool:
-    """Whether it begins as MATLAB's version 4: five whole numbers, of which the first is a type, M0PT in decimals."""
+    """Whether a file begins as MATLAB's version 4: five integers, the first of which is a type, M0PT in decimals."""
     for order in ("<i4", ">i4") if len(begin) >= 20 else ():
         kind, rows, columns, imaginary, length = np.frombuffer(begin[:20], order).tolist()
         machine, zero, precision, form = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10

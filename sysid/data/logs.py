@@ -1,4 +1,4 @@
-"""Logs: what a rig wrote, read into records of our conventions, and which of them are held out."""
+"""Logs: reading what a rig wrote into records in our conventions."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from sysid.physics.plants import Plant
 File = str | PathLike[str] | Any
 """A path, or a pandas DataFrame."""
 FAST = 1e-4
-"""Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
+"""Share of a motion's power that may lie above the frequency of its fastest part (`needed_rate`)."""
 FEW = 0.1
-"""The share of rows without a number that may be left out."""
+"""The largest share of rows without a number that may be left out."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log(Sequence[Record]):
-    """What was read: a sequence of records.
+    """A log that was read: a sequence of records.
 
     Attributes
     ----------
     records : tuple of Record
-        One a rollout, or a piece of one behind a gap.
+        One for each rollout or, if it has gaps, for each of its pieces.
     notes : tuple of str
-        What was done on the way, a sentence each.
+        What was done to the log, one sentence each.
     dt : float
         The sample interval of all records [s].
     """
@@ -57,10 +57,10 @@ class Log(Sequence[Record]):
         return self.records[index]
 
     def thinned(self) -> Log:
-        """The log at a rate that its motion needs, where its own is at least twice that: see `needed_rate`.
+        """The log at the rate that its motion needs (`needed_rate`), if it was sampled at least twice as fast.
 
-        A fast rate repeats what a slower one has said: the sensor's errors are rounding and vibration by then, and
-        every estimate takes time in proportion.
+        A faster rate only repeats what a slower one says: its errors are rounding and vibration, and every estimate
+        takes time in proportion.
         """
         every = math.floor(1.0 / (needed_rate(self.records) * self.dt) + 0.02)
         if every < 2:
@@ -75,16 +75,16 @@ class Log(Sequence[Record]):
 
 
 def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
-    """What was noted when records were read; nothing of records that come from elsewhere."""
+    """The notes of a Log; records that come from elsewhere have none."""
     return records.notes if isinstance(records, Log) else ()
 
 
 def needed_rate(records: Sequence[Record]) -> float:
-    """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz; 50 Hz of
-    a free swing, which answers no command.
+    """The sample rate [Hz] that a motion needs: 20 samples in a period of its fastest part, and at least 100 Hz.
 
-    Of the power of its angle (which the speeds add up to, where no angle was read) all but a ten-thousandth lies below
-    that part's frequency, white noise apart. The noise is what the upper half of the frequencies holds.
+    For a free swing, which answers no command, 50 Hz are enough. All but a ten-thousandth of the power of the angle (or
+    of the summed speeds, where no angle was read) lies below the frequency of the fastest part. White noise does not
+    count; its level is taken from the upper half of the frequencies.
     """
     fastest = 0.0
     for r in records:
@@ -94,7 +94,7 @@ def needed_rate(records: Sequence[Record]) -> float:
         if y is None or len(y) < 8:
             continue
         t = np.linspace(0.0, 1.0, len(y))
-        y = y - y[0] - (y[-1] - y[0]) * t  # the ends meet: no jump of the period adds frequencies of its own
+        y = y - y[0] - (y[-1] - y[0]) * t  # without a trend: a step from end to begin would leak into all frequencies
         power = np.abs(np.fft.rfft(y)) ** 2
         noise, count = float(np.median(power[len(power) // 2 :])) / math.log(2.0), np.arange(len(power), 0, -1)
         above = power[::-1].cumsum()[::-1]
@@ -117,22 +117,22 @@ def read(
     command: Command = "torque",
     joint: str = "",
 ) -> Log:
-    """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI units, evenly sampled.
+    """Read logs into evenly sampled records in SI units with theta = 0 upright; a file may hold several rollouts.
 
-    Rows without a number are left out where they are few, their command kept where it is known; `sysid.data.resampling`
-    says what becomes of uneven stamps and gaps. Where a hand holds a free swing at first or at last, that is left out
+    Rows without a number are left out if they are few; their command is kept where it is known. Uneven stamps and gaps
+    are resampled (`sysid.data.resampling`). The begin and the end of a free swing are left out where a hand holds it
     (`sysid.data.free_part`).
 
     Parameters
     ----------
     *paths : path or DataFrame, or iterable of these
-        CSV, .npz, .mat, HDF5 and Parquet files, ROS 2 bags and MCAP, told by their content; pandas DataFrames, whose
-        index is a column where it has a name. Time stamps become seconds since the first row.
+        CSV, .npz, .mat, HDF5 and Parquet files, ROS 2 bags and MCAP, recognised by their content; pandas DataFrames,
+        whose index is a column if it has a name. Time stamps become seconds since the first row.
     columns : str or mapping, optional
         "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot
-        [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none: a free swing) and
-        rollout. "theta_dot=" leaves a column out; other columns are ignored. The command may be called u, command,
-        force, or what `command` says that it is.
+        [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next) and rollout. A log
+        without a torque is a free swing. "theta_dot=" leaves a column out; other columns are ignored. The command may
+        be called u, command, force or after its kind (see `command`).
     zero : {"upright", "hanging"}
         What the file's angle 0 means; "hanging" adds pi.
     flip_torque : bool
@@ -142,21 +142,21 @@ def read(
     begin, end : float, optional
         The window [s] of the file's t that is read.
     dt : float, optional
-        The sample interval [s] wanted, where the logs' own is not.
+        A sample interval [s] other than the logs' own.
     time_unit : {"s", "ms", "us"}, optional
-        What the file's t counts; by default what the column's name or the speed shows.
+        The unit of the file's t; by default it is inferred from the column's name or from the speed.
     plant : Plant, optional
-        What the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected.
+        The machine of the log. A LinearAxis has theta [m], theta_dot [m/s] and torque [N].
     command : {"torque", "current", "voltage", "position"}
-        What column "torque" (or "command") holds: a torque, a current [A], a voltage [V] or duty cycle, or the position
-        that a servo was told, which is converted as the angle is. The model needs the actuator that goes with it.
+        What column "torque" (or "command") holds: a torque, a current [A], a voltage [V] or duty cycle, or the target
+        position of a servo, which is converted as the angle is. The model needs the actuator that goes with it.
     joint : str
-        The joint of a bag's sensor_msgs/JointState, where it has several; its effort is the torque.
+        Which joint of a bag's sensor_msgs/JointState to read, if there are several; its effort is the torque.
 
     Returns
     -------
     Log
-        A sequence of records, with notes on what was done on the way.
+        A sequence of records, with notes on what was done to the log.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def read(
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, part, zero, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
-    if command != "position":  # a servo that is told 0 is told something
+    if command != "position":  # a position command of 0 is a command, and no free swing
         free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
@@ -210,7 +210,7 @@ def _window(begin: float | None, end: float | None, dt: float | None) -> TimeWin
 def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
     """The table without the rows that lack a time or a torque; the last torque of a rollout may be missing.
 
-    In rows that lack a reading all readings are nan: their torque acted all the same.
+    A row that lacks a reading stays, with all its readings nan: its torque acted all the same.
     """
     table = dict(table)
     bad = {name: ~np.isfinite(column) for name, column in table.items()}
@@ -242,9 +242,9 @@ def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str
 
 
 def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, command: Command) -> Rows:
-    """A rollout in our conventions: radians, 0 upright, a positive torque raises theta, whole turns taken out.
+    """A rollout in our conventions: radians, 0 upright, a positive torque raises theta, angles unwrapped.
 
-    Raises InvalidInput for a position command whose sign is to be turned round: it has the angle's.
+    Raises InvalidInput for `flip_torque` with a position command, whose sign is that of the angle.
     """
     converted = dict(table)
     angles = ("theta", "torque") if command == "position" else ("theta",)
@@ -267,7 +267,7 @@ def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, 
 
 
 def _rollouts(title: str, table: Table) -> Iterable[tuple[str, Table]]:
-    """The rows of each rollout, by the value of column "rollout"."""
+    """The name and the table of each rollout, split by the value of column "rollout"."""
     if "rollout" not in table:
         return [(title, table)]
     values, first = np.unique(table["rollout"], return_index=True)

@@ -1,4 +1,4 @@
-"""Noise: how well the sensors measure, found from the records alone, without any model."""
+"""Noise: how well the sensors measure, found from the records alone, without any model of the machine."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from sysid.physics.plants import Plant
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)
 FEWEST = 40
-"""Residuals that a standard deviation must rest on."""
+"""Residuals that a standard deviation is computed from, at least."""
 MOST = 10_000
-"""Samples that are looked at: more would make the answer no better than 1 %, and slower."""
+"""Samples that are used, at most: they give a sd to 1 %, and more would only take longer."""
 LATEST = 0.3
-"""A torque that acts up to this much later [s] is still taken out (at most 25 samples)."""
+"""The effect of a torque on the readings is taken out for so many seconds after it (at most 25 samples)."""
 EVENT = 3.3
-"""A residual beyond this many standard deviations is an event (a kink, an impact), no noise."""
+"""A residual beyond this many standard deviations is an event (a kink, an impact), not noise."""
 KEPT = 0.9943
-"""sd of a Gaussian cut off there, in units of its own."""
+"""Standard deviation of a Gaussian of sd 1 that is truncated at +-EVENT."""
 ERRORS = 6
-"""The order of difference of which the motion leaves next to nothing: what remains are errors."""
+"""An order of difference so high that next to nothing of the motion is left, and what remains are errors."""
 
 
 class _Found(NamedTuple):
-    """The sd of a channel's errors, its relative standard error, that of the stamps [s], whether these errors were seen
-    at all, the step to which readings are rounded (0: it does not matter), and what is unusual."""
+    """The noise of one channel: the sd of its errors, the relative standard error of that, the sd of its stamps [s],
+    whether errors were seen at all, the quantisation step (0: negligible), and notes on what is unusual."""
 
     sd: float
     error: float
@@ -50,7 +50,7 @@ class _Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What the sensors add to the truth.
+    """The noise of the sensors, as `sensor_noise` finds it.
 
     Attributes
     ----------
@@ -59,9 +59,9 @@ class Noise:
     error : dict of str to float
         The relative standard error of each sd, by channel.
     quantisation_step : dict of str to float
-        The step to which a channel's readings are rounded, where that matters, by channel.
+        The quantisation step of each channel whose rounding matters.
     notes : tuple of str
-        What is unusual about them, a sentence each.
+        What is unusual about the channels, one sentence each.
     """
 
     sensor: Sensor
@@ -70,7 +70,8 @@ class Noise:
     notes: tuple[str, ...]
 
     def sentence(self, plant: Plant | None = None) -> str:
-        """The sd of each channel with its standard error, in the units of a plant, by default one that turns; notes."""
+        """The sd of each channel with its standard error, in the units of `plant` (default: one that turns); then
+        notes."""
         units = UNITS if plant is None else {channel: plant.unit(unit) for channel, unit in UNITS.items()}
         found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
         return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))
@@ -80,24 +81,24 @@ class Noise:
 
 
 NEGLIGIBLE = 1e-4
-"""Share of a channel's spread below which noise is none, and that is taken for it: no model is righter than that."""
+"""Noise below this share of a channel's spread is taken to be this share: no model is more accurate than that."""
 MOTION = 100.0
-"""What is that much larger over a stretch than from sample to sample is no error but the motion."""
+"""Residuals from windows that are this many times those from sample to sample are motion, not correlated errors."""
 
 
 def sensor_noise(records: Sequence[Record]) -> Noise:
     """The standard deviation of the error of each channel's readings, found without any model of the machine.
 
-    Motion is smooth, noise is not: with white noise, var(D^m y) = C(2m, m) sigma^2 for the m-th difference D^m of the
-    readings, of which the motion leaves little (an order is high enough where a higher one says the same). A torque
-    that steps from sample to sample moves the speed too: D^m y is first regressed on the same differences of the held
-    torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash and
-    impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least q / sqrt(12).
-    What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are correlated (by
-    a filter, by a difference of angles), and then what they are in all. A speed whose errors are those of the angle was
-    computed from it, tells nothing new, and is left out. Errors of the angle that grow with the speed are those of the
-    stamps (`sysid.data.jitter`). A torque that was computed from the readings carries their noise, and
-    takes no part (`sysid.data.computed_columns`).
+    Motion is smooth, noise is not. The m-th difference D^m y of the readings leaves little of the motion and, of white
+    noise, var(D^m y) = C(2m, m) sigma^2; m is high enough when higher orders give the same sigma. A torque that steps
+    from sample to sample changes the speed too: D^m y is first regressed on the same differences of the held torque, up
+    to 0.3 s later, through a piecewise linear map (dead zone, saturation). Residuals touched by kinks (stick-slip,
+    backlash, impacts) are left out. Readings rounded to steps of q have a sd of at least q / sqrt(12).
+
+    A filter, or a difference of angles, correlates neighbouring errors. The residuals of windows of 5 to 61 readings
+    about their own cubics show that, and how large the errors then are in all. Errors of the angle that grow with the
+    speed come from the stamps (`sysid.data.jitter`). A speed that was computed from the angle tells nothing new, and a
+    torque that was computed from readings carries their noise: neither is used (`sysid.data.computed_columns`).
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     Returns
     -------
     Noise
-        The sensor, how well each sd is known, the steps of rounding, and notes.
+        The sensor, how well each sd is known, the quantisation steps, and notes.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     found: dict[str, _Found] = {}
     if not records:
         raise InvalidInput("no records were given: expected at least one")
-    if follows_readings(records):  # it would explain their noise, which it was computed from
+    if follows_readings(records):  # such a torque would explain the noise that it was computed from
         records = [replace(r, u=np.zeros(len(r))) for r in records]
     for channel in ("theta", "theta_dot"):
         series = [(getattr(r, channel), r.u) for r in records]
@@ -147,10 +148,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
 
 
 def _computed(records: Sequence[Record], seen: bool) -> str:
-    """How it shows that the speed was computed from the angle's readings; empty where it does not.
-
-    Where the errors of the angle are `seen`, those of the speed are compared with them.
-    """
+    """The reason to think that the speed was computed from the angle's readings, empty if there is none. The errors of
+    both are compared only if those of the angle were `seen`."""
     if is_difference(records):
         return "it is a difference of them to the last digit"
     if not seen:
@@ -166,12 +165,12 @@ def _computed(records: Sequence[Record], seen: bool) -> str:
 
 
 def _lags(lengths: Sequence[int], dt: float) -> int:
-    """How many samples later a torque may still act, in records of these lengths."""
+    """For how many samples after a torque its effect is taken out, in records of these lengths."""
     return min(round(LATEST / dt), 25, int(np.median(lengths)) // 4)
 
 
 def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:
-    """Readings y (N+1,) and torque u (N,) of each record; evenly chosen stretches of them where there are many."""
+    """Readings y (N+1,) and torque u (N,) of each record; of long logs, stretches that are spread evenly."""
     total = sum(len(u) for _, u in series)
     if total <= MOST:
         yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in series)
@@ -229,7 +228,7 @@ def _difference(order: int) -> Array:
 
 
 def _beside_cubic(width: int) -> Array:
-    """The kernel of: the middle reading of a window minus the cubic fitted to the window, there."""
+    """The kernel for a window's middle reading less the cubic that is fitted to the window (Savitzky-Golay)."""
     tau = np.arange(width) - width // 2
     powers = tau[:, None] ** np.arange(4.0)
     kernel: Array = -np.linalg.pinv(powers)[0]
@@ -238,7 +237,7 @@ def _beside_cubic(width: int) -> Array:
 
 
 def _by_differences(spread_after: Callable[[Array], tuple[float, int]]) -> tuple[float, int, bool]:
-    """(sd, residuals, settled) at the lowest order of difference that the two next higher ones confirm."""
+    """(sd, number of residuals, whether it settled) at the lowest order of difference that the next two confirm."""
     found: list[tuple[float, int]] = []
     for order in ORDERS:
         sd, n = spread_after(_difference(order))
@@ -259,12 +258,12 @@ def _by_differences(spread_after: Callable[[Array], tuple[float, int]]) -> tuple
 def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
     """The sd of correlated errors; 0 where nothing shows that they are correlated.
 
-    White noise leaves the same sd s(w) behind windows of every width w; what is left of the motion grows ever faster
-    with w (as w^4 in the end, kinks as w^1.5). Where s falls at first, or rises at once and then ever slower,
-    neighbouring errors are correlated, and s at the width at which it changes least is the sd of all of the error.
+    White noise leaves the same sd s(w) about cubics in windows of every width w. What is left of the motion grows ever
+    faster with w (in the end as w^4; kinks as w^1.5). If s falls at first, or rises at once and then ever more slowly,
+    neighbouring errors are correlated, and their sd is s at the width at which it changes least.
     """
     found = np.array([(width, *spread_after(_beside_cubic(width))) for width in WIDTHS])
-    found = found[found[:, 2] > 0]  # a width that is too wide for what the motion leaves has no residuals
+    found = found[found[:, 2] > 0]  # at a width that is too wide for the motion, no residuals are left
     if len(found) < 4:
         return 0.0
     widths, s, residuals = found.T
@@ -280,9 +279,9 @@ def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
 def _scale(
     series: Sequence[tuple[Array, Array]], kernel: Array, power: int, lags: int, floor: float
 ) -> tuple[float, int]:
-    """(sd of white noise that leaves such residuals behind the kernel, their number); (nan, 0) for too few.
+    """The sd of white noise that the filter `kernel` turns into such residuals, and their number; (nan, 0) for too few.
 
-    Residuals that a kink touches are left out: those beyond 3.3 sd, and all whose kernel overlaps with theirs.
+    Residuals beyond 3.3 sd (kinks) are left out, and so are all whose kernel overlaps with theirs.
     """
     targets, regressors, edges = _filtered(series, kernel, power, lags)
     n = len(targets)
@@ -311,9 +310,9 @@ def _scale(
 def _filtered(
     series: Sequence[tuple[Array, Array]], kernel: Array, power: int, lags: int
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Filtered readings (n,), what the torque may have done to them (n, regressors), and where each record ends.
+    """Filtered readings (n,), regressors (n, m) for what the torque did to them, and where each record ends.
 
-    The torque's part of the speed is its sum over the samples before, that of the angle the sum of this sum.
+    A torque changes the speed by its running sum, and the angle by the running sum of that.
     """
     torque = np.concatenate([u for _, u in series])
     knots = np.quantile(torque, [0.25, 0.5, 0.75]) if len(np.unique(torque)) > 8 else np.empty(0)
@@ -341,7 +340,7 @@ def _filtered(
 
 
 def _fitted(targets: Array, regressors: Array, keep: NDArray[np.bool_]) -> tuple[Array, int]:
-    """Residuals (n,) of a least-squares fit to the rows that are kept, and how many directions it used up."""
+    """Residuals (n,) of a least-squares fit to the rows that are kept, and the degrees of freedom that it used up."""
     if regressors.shape[1] == 0:
         return targets, 0
     A = regressors[keep]

@@ -1,4 +1,4 @@
-"""Record: the log of one rollout, checked when it is made; writing it as CSV."""
+"""Records: the log of one rollout, which is checked when it is made, and what is computed from several."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from sysid.physics.parameters import Extent
 
 COLUMNS = ("t", "u", "theta", "theta_dot")
 PAST = 10.0
-"""Seconds of commands before it that a piece of a rollout keeps: what drives remember is shorter."""
+"""Seconds of earlier commands that a piece of a rollout keeps; the memory of drives (delay, lag) is shorter."""
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
     """One rollout of N control intervals, checked when it is made.
 
-    A piece of a longer rollout (`part`, or what follows a gap) also carries what came before it.
+    A piece that `part` makes also carries the commands before it; one behind a gap knows only when its rollout began.
 
     Attributes
     ----------
     t : array (N+1,)
         Instants [s], evenly spaced, increasing.
     u : array (N,)
-        The command held from t[k] to t[k+1], a torque [N m] where the model has no actuator.
+        Commands: u[k] is held from t[k] to t[k+1] (zero-order hold); a torque [N m] where the model has no actuator.
     theta : array (N+1,), (1,) or None
         Angle readings [rad], 0 upright; jumps of whole turns are taken out (unwrapped); (1,) where only the start angle
         is known.
     theta_dot : array (N+1,) or None
         Speed readings [rad/s].
     name : str
-        What answers call it.
+        The name by which answers mention it.
     origin : float or None
-        The instant [s] from which effects that depend on time count; by default t[0].
+        The instant [s] at which the rollout began, from which time-dependent effects count; by default t[0].
     before : array (M,) or None
         The commands of the M intervals before t[0], which drives remember; by default none.
 
@@ -127,7 +127,7 @@ class Record:
         return self if n >= len(self) else self.part(0, n)
 
     def part(self, first: int, last: int, name: str = "") -> Record:
-        """The control intervals first .. last-1 with the instants at both ends, and what came before them."""
+        """The piece of control intervals first .. last-1, with the instants at both ends and the commands before it."""
         parts: dict[str, Any] = {}
         for column in COLUMNS:
             value = getattr(self, column)
@@ -143,8 +143,8 @@ class Record:
         return replace(self, **parts, name=name or self.name, origin=origin, before=before)
 
     def thinned(self, every: int) -> Record:
-        """The readings of every `every`-th instant, under the means of the commands between them; what is left of the
-        record's end is dropped."""
+        """The record at every `every`-th instant, with the mean of the commands in between; an incomplete interval at
+        the end is dropped."""
         n = len(self) // every
         if every == 1 or n < 1:
             return self
@@ -170,22 +170,22 @@ class Record:
 
     @property
     def previous_commands(self) -> Array:
-        """`before`, or no commands (0,)."""
+        """`before`, or an empty array (0,)."""
         return np.zeros(0) if self.before is None else self.before
 
     @cached_property
     def commands(self) -> Array:
-        """All that drives remember and are told (M+N,): `past`, then u."""
+        """The commands before the record, then its own (M+N,)."""
         return np.concatenate([self.previous_commands, self.u])
 
     @property
     def has_angles(self) -> bool:
-        """Whether the angle was read, and not at the start alone."""
+        """Whether the angle was read at more than the first instant."""
         return self.theta is not None and len(self.theta) > 1
 
     @property
     def starts_midway(self) -> bool:
-        """Whether it begins in the middle of a rollout, after commands that are not known."""
+        """Whether the record begins in the middle of a rollout, and drives may remember commands that are not known."""
         known = (len(self.previous_commands) + 0.5) * self.dt
         return bool(self.time_since_start[0] > known and known < PAST)
 
@@ -196,13 +196,13 @@ class Record:
 
 
 def without_whole_turns(theta: Array) -> Array:
-    """Angles (K,) [rad] without jumps of whole turns; what covers more than a turn was never wrapped."""
+    """Unwrap angles (K,) [rad]; angles that span more than a turn were never wrapped and stay as they are."""
     wrapped = len(theta) > 0 and bool(np.ptp(theta) < 2.0 * math.pi + 1e-6)
     return np.unwrap(theta) if wrapped else theta.copy()
 
 
 def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
-    """The records as a tuple, once they fit the model: at least one, the model's dt, torque within its limit.
+    """Return the records as a tuple if they fit the model: at least one, sampled at its dt, commands within its limit.
 
     Raises InvalidInput with the record's name, what came and what was expected.
     """
@@ -212,7 +212,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     for record in given:
         if not isinstance(record, Record):
             raise InvalidInput(f"records holds {record!r}: expected Record objects, as read and measure make them")
-        if abs(record.dt - model.dt) * len(record) > 0.02 * model.dt:  # within a fiftieth of an interval at its end
+        if abs(record.dt - model.dt) * len(record) > 0.02 * model.dt:  # off by a fiftieth of an interval at its end
             raise InvalidInput(
                 f"{record.name} is sampled every {record.dt:.7g} s, the model steps every {model.dt:.7g} s: expected a "
                 "model with the log's dt"
@@ -228,13 +228,13 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
 
 
 def unique_names(records: Sequence[Record]) -> tuple[Record, ...]:
-    """The records under names of their own: an answer names stretches of them."""
+    """The records, numbered where several share a name: answers refer to stretches of a record by its name."""
     names = [r.name for r in records]
     return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))
 
 
 def check_direct(model: Model, method: str) -> None:
-    """Raise InvalidInput where sensors show something else than the state, or the log's torques are shifted."""
+    """Raise InvalidInput if an effect stands between state and log: at the sensors, or in the stamps of the torques."""
     between = [e.name for e in model.effects if e.of_log or e in model.output_effects]
     if between:
         came = f"{', '.join(between)} stands between the two"
@@ -244,12 +244,12 @@ def check_direct(model: Model, method: str) -> None:
 
 
 def write_csv(record: Record, path: str | Path) -> None:
-    """Write a record as CSV that `read` brings back exactly, one row an instant; cells without a value stay empty.
+    """Write a record as CSV that `read` brings back exactly: one row for each instant, missing values as empty cells.
 
     Parameters
     ----------
     record : Record
-        What is written.
+        The record to write.
     path : path
         The file.
 
@@ -272,7 +272,7 @@ def amount_of(records: Sequence[Record]) -> str:
 
 
 def first_samples(records: Sequence[Record], most: int) -> tuple[Record, ...]:
-    """The first samples of a log, at most so many."""
+    """The records that hold the first `most` samples of a log."""
     shown = []
     for record in records:
         if most > 0:
@@ -282,12 +282,12 @@ def first_samples(records: Sequence[Record], most: int) -> tuple[Record, ...]:
 
 
 def is_part(name: str, whole: str) -> bool:
-    """Whether a record of that name is the whole one, or one of the parts that are made of it."""
+    """Whether `name` is that of the record `whole` or of a part that was cut from it."""
     return name == whole or name.startswith(f"{whole}, ")
 
 
 def in_a_row(instants: Sequence[Array]) -> Array:
-    """Where each rollout begins [s] on one axis of time, with a gap between them of 3 % of the longest."""
+    """Where each rollout begins [s] on a common axis of time, with gaps of 3 % of the longest rollout between them."""
     lengths = np.array([t[-1] - t[0] for t in instants])
     taken = lengths + 0.03 * np.max(lengths, initial=0.0)
     begins: Array = np.cumsum(taken) - taken
@@ -295,7 +295,7 @@ def in_a_row(instants: Sequence[Array]) -> Array:
 
 
 def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:
-    """What probes may depend on, of a plant that turns or does not."""
+    """The Extent of a log, on which the probes of parameters depend; `turns` says whether its plant turns."""
     reach = 1.0 if turns else _half_of_travel(records)
     extent = Extent(
         dt=records[0].dt,
@@ -308,14 +308,14 @@ def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:
 
 
 def _largest_speed(records: Sequence[Record]) -> float:
-    """The speed that one sample in a hundred exceeds [rad/s], by the angles, or where none were read by the speeds."""
+    """The 99th percentile of the speed [rad/s], from the angles or, where none were read, from the speed readings."""
     angles = [np.abs(speed_about(r.theta, r.dt)) for r in records if r.theta is not None and r.has_angles]
     speeds = angles or [np.abs(r.theta_dot) for r in records if r.theta_dot is not None]
     return float(np.nanquantile(np.concatenate(speeds), 0.99)) if speeds else 0.0
 
 
 def _half_of_travel(records: Sequence[Record]) -> float:
-    """Half of how far an axis goes, or as far as its speed goes in a second where no position was read [m]."""
+    """Half of an axis' travel [m]; where no position was read, the way that its typical speed takes it in a second."""
     places = [r.theta for r in records if r.theta is not None and r.has_angles]
     speeds = [r.theta_dot for r in records if r.theta_dot is not None]
     half = 0.5 * float(np.ptp(np.concatenate(places))) if places else float(np.std(np.concatenate(speeds)))

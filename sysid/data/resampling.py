@@ -1,4 +1,4 @@
-"""Resampling: rows as a logger stamped them become records with one even sample interval."""
+"""Resampling: turning rows as a logger stamped them into records with one even sample interval."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from sysid.limits import SHORTEST_INTERVAL
 from sysid.physics.ops import Array
 
 GAP = 3.5
-"""A step longer than this many typical steps, or than this many of the sample intervals asked for, is a gap."""
+"""A step longer than this many typical steps (or sample intervals, if those asked for are longer) is a gap."""
 FAR = 0.75
-"""An instant further than this many steps from any row is filled in from both sides."""
+"""An instant further than this many steps from any row is interpolated between the rows on both sides."""
 SHORTEST = 5
-"""A piece between gaps with fewer rows than this is left out where others are longer."""
+"""Pieces between gaps that have fewer rows are left out if others are longer."""
 WITNESS = 0.1
-"""The share of a rollout's rows that a piece between gaps must have for its own rate to count."""
+"""Share of a rollout's rows that a piece between gaps must have for its own sample rate to count."""
 MOST_APART = 10.0
-"""Rates that are apart by more than this factor are those of different machines, or of different units of time."""
+"""Sample rates that differ by more than this factor come from different machines, or different units of time."""
 WINDOW = 1.0
-"""Seconds over which models predict: where gaps leave less than that in one piece, the log is hardly of use."""
+"""Seconds over which models predict: a log that gaps cut into shorter pieces is hardly of use."""
 COARSEST = 5.0
-"""Multiple of the rows' own interval up to which gaps are bridged: what moves between them would be lost."""
+"""Largest sample interval that bridges gaps, in intervals of the rows; a longer one would lose the motion."""
 BRIDGED = "rows come in bursts: a sample interval of {:g} s bridges nine in ten of the gaps between them"
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of one rollout as they were logged: t (K,) [s], torque (K,) [N m] held from its row's time to the next,
-    theta (K,) [rad] (unwrapped) and theta_dot (K,) [rad/s], None where they were not measured, nan where a row lacks
-    them. origin [s]: where the rollout began, of which these are a later piece."""
+    """Rows of one rollout as they were logged: t (K,) [s]; torque (K,) [N m], held from its row's time to the next;
+    theta (K,) [rad], unwrapped, and theta_dot (K,) [rad/s], None if not measured, nan in rows that lack them. If they
+    are a later piece of a rollout, it began at origin [s]."""
 
     name: str
     t: Array
@@ -55,7 +55,7 @@ class Rows:
 
     @property
     def read(self) -> NDArray[np.bool_]:
-        """(K,) whether a row has its readings."""
+        """Whether each row has its readings (K,)."""
         read = np.ones(len(self.t), dtype=bool)
         for channel in (self.theta, self.theta_dot):
             if channel is not None:
@@ -64,24 +64,26 @@ class Rows:
 
     @property
     def step(self) -> float:
-        """The typical step [s]: the median of those that are longer than nothing."""
+        """The typical step [s]: the median of those that are positive."""
         steps = np.diff(self.t)
         steps = steps[steps > 0.0]
         return float(np.median(steps)) if len(steps) else 0.0
 
 
 def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
-    """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
+    """Resample rollouts to one even interval: the records, the interval [s], and a note on each thing that was done.
 
-    Rows are put in order; readings that jump away and back are missing (`sysid.data.spikes`); of readings that are held
-    for several rows the fresh ones are kept (`sysid.data.digitisation`); stamps that were rounded are made even; of
-    rows with the same stamp the last is kept; a restart of the clock or a gap (a step above 3.5 typical ones) starts a
-    new rollout. The interval is dt where it is given, else the mean step, of several rates that of the slowest. A row
-    nearest to an instant of the even grid stands for it, moved there along the channel's local cubic: its error then
-    stays its own (interpolation between two rows would shrink the sensor's noise to as little as 0.7 times and colour
-    it). The torque becomes its mean over each interval: no impulse is lost.
-    A step that is no gap on the grid of that interval is none: rows that come in bursts are read at an interval that
-    bridges nine in ten of their gaps, where else hardly a second would be left in one piece.
+    First the rows are put right. They are sorted by time, and readings that jump away and back count as missing
+    (`sysid.data.spikes`). If readings are held for several rows, only fresh ones are kept (`sysid.data.digitisation`).
+    Rounded stamps are made even; of rows with the same stamp the last is kept. A restart of the clock or a gap (a step
+    above 3.5 typical ones, and 3.5 intervals of the grid) starts a new rollout.
+
+    The interval is dt if given, else the mean step, of logs at several rates that of the slowest. If rows come in
+    bursts and gaps leave hardly a second in one piece, it is an interval that bridges nine in ten of the gaps.
+
+    Each instant of the grid gets its nearest row, moved there along the channel's local cubic, so that errors stay
+    independent; interpolating between two rows would shrink the sensor's noise to as little as 0.7 times and correlate
+    it. The torque becomes its mean over each interval, so that no impulse is lost.
 
     Raises InvalidInput for rates far apart, a dt shorter than theirs, and where nothing is left.
     """
@@ -111,7 +113,7 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
-    """Parts in which time does not go backwards; a few rows that are merely out of order are sorted."""
+    """Split rows where the clock restarts; a few rows that are merely out of order are sorted."""
     back = np.flatnonzero(np.diff(rows.t) < 0.0)
     far = back[(rows.t[back] - rows.t[back + 1]) > 10.0 * rows.step]
     if len(far):
@@ -124,7 +126,7 @@ def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
 
 
 def _without_spikes(rows: Rows, tally: Counter[str]) -> Rows:
-    """The rows, readings that jump away and back missing."""
+    """The rows, with nan for readings that jump away and back."""
     theta, theta_dot = (None if y is None else np.where(spikes(y), np.nan, y) for y in (rows.theta, rows.theta_dot))
     without = replace(rows, theta=theta, theta_dot=theta_dot)
     tally["row(s) with readings that jump away and back"] += int(np.sum(rows.read & ~without.read))
@@ -132,10 +134,10 @@ def _without_spikes(rows: Rows, tally: Counter[str]) -> Rows:
 
 
 def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
-    """The rows with fresh readings, where a sensor is slower than the log, and a note on that.
+    """Keep only rows with fresh readings if a sensor is slower than the log; also notes on that.
 
-    The angle leads: a speed that is held for longer, or read at other times, is left out. Torques become their means
-    between fresh rows.
+    The angle decides which rows are fresh. A speed that is held for longer, or read at other times, is left out.
+    Torques become their means between fresh rows.
     """
     read = [p.take(p.read) for p in parts]
     held = {}
@@ -164,7 +166,7 @@ def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
 
 
 def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
-    """Of rows, of which `read` have readings, those with a fresh reading of `lead`; torques averaged between them."""
+    """The rows with a fresh reading of `lead`, with mean torques in between; `read` are the rows that have readings."""
     if len(read.t) < 2:
         return rows
     fresh = digitisation.fresh(lead, held)
@@ -174,7 +176,7 @@ def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
 
 
 def _stamps(rows: Rows, tally: Counter[str]) -> Rows:
-    """Rows with stamps that increase: those that were rounded made even, else duplicates dropped."""
+    """Make stamps increase: rounded ones are spaced evenly; otherwise rows with a duplicate stamp are dropped."""
     n = len(rows.t)
     resolution = _resolution(rows.t)
     if n >= 10 and resolution > 0.0:
@@ -190,8 +192,8 @@ def _stamps(rows: Rows, tally: Counter[str]) -> Rows:
 
 
 def _resolution(t: Array) -> float:
-    """The power of ten [s] that the time since the first stamp is a multiple of; 0 where it has more than six decimals.
-    What float64 cannot tell (a quarter of a microsecond in seconds since 1970) counts as equal."""
+    """The power of ten [s] to which stamps are rounded, counted from the first; 0 if they have more than six decimals.
+    Differences that float64 cannot resolve (a quarter of a microsecond in seconds since 1970) count as none."""
     since = t - t[0]
     equal = 1e-9 * max(1.0, float(np.max(np.abs(since)))) + 4.0 * float(np.spacing(np.max(np.abs(t))))
     for decimals in range(7):
@@ -201,7 +203,7 @@ def _resolution(t: Array) -> float:
 
 
 def _pieces(rows: Rows, gaps: list[float], dt: float) -> Iterable[Rows]:
-    """The rows between gaps in the readings, from the first of them to the last one."""
+    """Split rows at gaps in the readings; each piece runs from its first reading to its last."""
     read = np.flatnonzero(rows.read)
     steps = np.diff(rows.t[read])
     cuts = np.flatnonzero(steps > GAP * max(rows.step, dt))
@@ -214,13 +216,13 @@ def _pieces(rows: Rows, gaps: list[float], dt: float) -> Iterable[Rows]:
 
 
 def _lasts(rows: Rows, dt: float | None, least: int) -> bool:
-    """Whether a piece has so many rows, and lasts for an interval of the grid."""
+    """Whether a piece has at least so many rows and lasts for an interval of the grid."""
     return len(rows.t) >= least and bool(rows.t[-1] - rows.t[0] >= (dt or 0.0))
 
 
 def _rates(rollouts: Sequence[Sequence[Rows]]) -> dict[str, float]:
-    """The typical step [s] of each rollout, and of those of its pieces that are long enough to show one of their own:
-    the few rows between two gaps of an unevenly sampled log do not."""
+    """The typical step [s] of each rollout, and of each piece between gaps that is long enough to have a rate of its
+    own."""
     found = {}
     for pieces in rollouts:
         steps = np.concatenate([np.diff(p.t) for p in pieces])
@@ -230,8 +232,8 @@ def _rates(rollouts: Sequence[Sequence[Rows]]) -> dict[str, float]:
 
 
 def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | None) -> float:
-    """The sample interval [s] of all records: dt, or the mean step, of the usual ones where most are alike; of logs at
-    several rates that of the slowest."""
+    """The sample interval [s] of all records: dt if given, else the mean step (of the usual steps, if most are alike);
+    for logs at several rates, that of the slowest."""
     slow, fast = max(rates, key=rates.__getitem__), min(rates, key=rates.__getitem__)
     if dt is not None:
         if not (math.isfinite(dt) and dt > 0.0):
@@ -256,7 +258,7 @@ def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | No
 
 
 def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
-    """A record on an even grid: as it is, or each instant from its nearest row."""
+    """A record on an even grid: the rows themselves if they are even, else the nearest row for each instant."""
     n, read = len(rows.t) - 1, rows.take(rows.read)
     own = (rows.t[-1] - rows.t[0]) / n
     even = np.max(np.abs(rows.t - rows.t[0] - own * np.arange(n + 1))) <= 0.004 * dt and abs(own - dt) * n <= 0.02 * dt
@@ -278,7 +280,7 @@ def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
 
 
 def _held(t: Array, torque: Array, grid: Array) -> Array:
-    """The mean over each interval of the grid of a torque that is held from row to row [N m].
+    """The mean torque [N m] over each interval of the grid; between rows the torque is held.
 
     u_k = (U(g_k+1) - U(g_k)) / dt,   U(t) = the integral of the held torque
     """
@@ -289,11 +291,11 @@ def _held(t: Array, torque: Array, grid: Array) -> Array:
 
 
 def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
-    """A channel at the instants of the grid: the nearest row, moved along the cubic through its seven neighbours.
+    """A channel at the instants g of the grid: the nearest row k, moved along a cubic to the instant.
 
     y(g) = y_k + s (g - t_k) + c (g - t_k)^2 / 2, with slope s and curvature c of the cubic fitted to rows k-3 .. k+3.
-    Further than 3/4 of a step from any row: the straight line between the rows on both sides. A rounded reading is
-    moved by whole steps, so that it stays what this sensor can show.
+    An instant further than 3/4 of a step from any row is interpolated linearly. A quantised reading moves by whole
+    steps, so that it remains one that this sensor can show.
     """
     step = float(np.median(np.diff(t)))
     shift = np.empty(len(grid))
@@ -309,7 +311,7 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
 
 
 def _cubic(t: Array, y: Array, rows: NDArray[np.intp], step: float) -> tuple[Array, Array]:
-    """Slope and curvature, per step and per step^2, at some rows, of the cubic fitted to seven rows about each."""
+    """Slope (per step) and curvature (per step^2), at some rows, of the cubic fitted to the seven rows about each."""
     width = min(7, len(t))
     degree = min(3, width - 2)
     if degree < 1:
@@ -342,8 +344,8 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
 
 
 def _wider(pieces: Sequence[Rows], rollouts: Sequence[Rows], gaps: Sequence[float], common: float) -> float:
-    """The interval [s] on whose grid there are fewer gaps: that of the slowest rollout, or one that bridges nine in ten
-    of the gaps between which there is hardly a window to predict over; 0 where there is none."""
+    """The sample interval [s] on whose grid there are fewer gaps; 0 if there is none. It is `common` if that bridges a
+    gap, else one that bridges nine in ten, if the gaps leave hardly a window to predict over."""
 
     def predictable(parts: Sequence[Rows]) -> float:
         lengths = [float(p.t[-1] - p.t[0]) for p in parts]

@@ -1,9 +1,9 @@
-"""Rests: a joint that stands still is read again and again, and says each time what it said before.
+"""Rests: readings of a joint that stands still repeat each other, and are merged.
 
-What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing acts, and for or
-against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion. So the
-readings of half a second at rest, under a steady command, are one reading, their mean. Where the command changes each
-of them says something new: that the joint is held against that.
+What a model lacks acts while a joint moves. If every reading at rest counted, it would count as evidence that nothing
+acts, and the longer a log rests, the less its fitted dry friction would be that of the motion. Half a second at rest
+under a steady command is therefore one reading, the mean. While the command changes, each reading says something new:
+that the joint is held against that command, too.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from sysid.data.sensor import UNITS, Readings, Sensor
 from sysid.physics.ops import Array
 
 AROUND = 0.5
-"""Seconds before and after a reading within which a joint at rest does not move; the readings of as long are one."""
+"""Seconds before and after a reading within which a joint at rest does not move; so long a rest becomes one reading."""
 FEWEST = 5
-"""Samples that this is, at least."""
+"""Samples that AROUND spans, at least."""
 STILL = 1.5
-"""Scatter of readings that noise alone explains, in units of its sd."""
+"""Scatter of readings at rest, at most, in units of the noise's sd."""
 CLEAR = 20.0
-"""Scatter of all readings of a channel that tells a rest from slow motion, at least, in units of the noise's sd."""
+"""Scatter of all readings of a channel that tells rest from slow motion, at least, in units of the noise's sd."""
 STEADY = 0.05
-"""Scatter of a command that is steady, as a share of that of the whole log's."""
+"""Scatter of a steady command, at most, as a share of that of the whole log."""
 
 
 def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[list[Readings]]:
-    """The readings of each record of a log, those of half a second at rest as one in its middle.
+    """The readings of each record of a log, with those of half a second at rest merged into one in its middle.
 
-    It is their mean, and no surer than rounding lets it be.
+    The merged reading is their mean; its sd is no smaller than quantisation allows.
     """
     read = [sensor.readings(r) for r in records]
     clear, rounded = set[str](), dict[str, float]()
@@ -53,10 +53,10 @@ def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[l
 
 
 def _representatives(found: Sequence[Readings], record: Record, least: float) -> NDArray[np.intp]:
-    """The sample (N+1,) that stands for each: itself, or at rest the middle one of half a second.
+    """The index (N+1,) of the sample that stands for each sample: itself or, at rest, the middle one of half a second.
 
-    At rest no channel that shows the motion clearly, at most samples, scatters by more than its noise, nor the command
-    by more than the `least`; where the speed alone is read, it is zero, too.
+    At rest no channel that shows the motion clearly, and is read at most samples, scatters by more than its noise, and
+    the command scatters by `least` at most. If only the speed is read, it is also zero.
     """
     count = len(record) + 1
     half, at = max(FEWEST, round(AROUND / record.dt)), np.arange(count)
@@ -76,7 +76,7 @@ def _representatives(found: Sequence[Readings], record: Record, least: float) ->
 
 
 def _moments(y: Array, half: int) -> tuple[Array, Array]:
-    """The mean and the sd (K,) of y (K,) over so many samples on either side."""
+    """The running mean and sd (K,) of y (K,), over `half` samples on either side."""
     at, middle = np.arange(len(y)), float(np.mean(y))
     first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(y))
     sums = (np.append(0.0, np.cumsum(own)) for own in (y - middle, (y - middle) ** 2))
@@ -85,7 +85,7 @@ def _moments(y: Array, half: int) -> tuple[Array, Array]:
 
 
 def _means(own: Readings, of: NDArray[np.intp], rounded: float) -> Readings:
-    """The readings as the means of those that each sample stands for."""
+    """The readings merged into the samples that stand for them, as means weighted by precision."""
     known = np.isfinite(own.value)
     to, precision = of[own.index[known]], own.sd[known] ** -2.0
     count, total, weighed = (np.bincount(to, w, len(of)) for w in (None, precision, precision * own.value[known]))

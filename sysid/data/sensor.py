@@ -1,4 +1,4 @@
-"""What was measured, and how well."""
+"""Sensors: the noise of readings, and simulated readings that have it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from sysid.physics.ops import Array
 from sysid.physics.simulate import Trajectory
 
 UNITS = {"theta": "rad", "theta_dot": "rad/s"}
-"""The units of the channels of what turns; `Plant.unit` has those of another plant."""
+"""The units of the channels for a plant that turns; `Plant.unit` translates them for another."""
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Channel "theta" or "theta_dot": `value` (K,) with errors of `sd` (K,), read at instants `index` (K,)."""
+    """Readings of "theta" or "theta_dot" at a record's instants `index` (K,): `value` (K,) with errors of `sd` (K,)."""
 
     channel: str
     index: NDArray[np.intp]
@@ -35,11 +35,11 @@ class Sensor:
     Attributes
     ----------
     theta : float or None
-        Of the angle [rad]; of the start angle, where a record has that alone.
+        Of the angle [rad], or of the start angle where a record has only that.
     theta_dot : float or None
         Of the speed [rad/s].
     jitter : float
-        Of the stamps [s]: by so much earlier or later an angle was read, which is an error of theta_dot times that.
+        Of the stamps [s]: an angle was read that much earlier or later, which is an error of theta_dot times that.
 
     Raises
     ------
@@ -62,7 +62,7 @@ class Sensor:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
 
     def measure(self, trajectory: Trajectory, rng: np.random.Generator) -> list[Record]:
-        """Records of what this sensor reads, one a rollout, with independent Gaussian errors."""
+        """Simulate readings of a trajectory, with independent Gaussian errors; one record for each rollout."""
         t, sds = trajectory.t, (self.theta, self.theta_dot)
         rows = (a.reshape(-1, a.shape[-1]) for a in (trajectory.u, trajectory.theta_read, trajectory.theta_dot_read))
         records = []
@@ -76,7 +76,7 @@ class Sensor:
         return records
 
     def readings(self, record: Record) -> list[Readings]:
-        """All readings that this sensor vouches for; raises InvalidInput where the record lacks them."""
+        """The readings of each channel with a sd, and their sds; raises InvalidInput where the record lacks them."""
         found: list[Readings] = []
         for channel in UNITS:
             sd = getattr(self, channel)

@@ -9,13 +9,13 @@ from sysid.data.digitisation import quantisation_step
 from sysid.physics.ops import Array
 
 REACH = 3
-"""Readings on either side from which the one between them is predicted."""
+"""Readings on either side from which a reading is predicted."""
 BEYOND = 12.0
-"""Size of a spike, at least, in units of the typical error of such a prediction and of the step of rounding."""
+"""Least size of a spike, in units of the typical error of such a prediction (of the quantisation step, if larger)."""
 SMALLEST = 0.01
-"""Size of a spike, at least, as a share of the readings' spread: smaller ones bend no answer."""
+"""Least size of a spike, as a share of the readings' spread: smaller ones bend no answer."""
 ALONE = 5.0
-"""Size of a spike, at least, in units of the largest such error nearby of which it is no part."""
+"""Least size of a spike, in units of the largest error of nearby predictions in which it takes no part."""
 AGREEMENT = 0.25
 """Share of a spike within which the predictions from its two sides agree."""
 
@@ -25,8 +25,8 @@ def spikes(y: Array) -> NDArray[np.bool_]:
 
         before_k = y_k - 3 y_(k-1) + 3 y_(k-2) - y_(k-3),    after_k = y_k - 3 y_(k+1) + 3 y_(k+2) - y_(k+3)
 
-    A reading is a spike where what it is off the parabolas through its three predecessors and its three successors is
-    the same, and far more than nearby. A joint that is hit, or whose torque steps, leaves one of the two where it was.
+    A reading is a spike if it is as far off the parabola through its three predecessors as off that through its three
+    successors, and far more than readings nearby. If a joint is hit, or its torque steps, one of the two still fits.
     """
     found = np.zeros(len(y), dtype=bool)
     if len(y) < 4 * REACH:

@@ -16,13 +16,13 @@ from sysid.physics.ops import Array
 MOST_STRETCHES = 3
 """Stretches that are held out of a single rollout, at most."""
 MARGIN = 0.2
-"""What is left out beside a stretch that is to be left out [s]."""
+"""Seconds that are left out before and behind a stretch that is left out."""
 SHORTEST = 1.0
-"""Pieces that are shorter [s] are dropped with it."""
+"""Pieces between such stretches that are shorter [s] are left out too."""
 SHORTEST_PART, LEAST_SHARE = 0.5, 0.2
-"""A part that is shorter [s] stays with what it is by, and of a quick stroke one that is a smaller share of it."""
+"""Parts shorter than SHORTEST_PART [s] or LEAST_SHARE of the log, whichever is less, are merged with a neighbour."""
 SHORTEST_LOG = 0.5
-"""Seconds of log that are the least of which something is held out."""
+"""Seconds of the shortest log of which a part is held out."""
 
 
 def split(
@@ -30,20 +30,20 @@ def split(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Split a log into what is fitted and what is held out: by default one of every four rollouts.
 
-    They are spread over the log, whose end is often another kind of motion. Of fewer than four rollouts (a single long
-    log, say), or where those chosen are too short, a quarter of the time is held out instead, in one to three stretches
-    that are spread over it. The parts share no interval, and are few, because a fit loses information with every free
-    initial state. A part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores
-    it leaves a lead-in unscored.
+    The held-out rollouts are spread over the log, whose end is often another kind of motion. If there are fewer than
+    four (a single long log, say), or the chosen ones are too short, a quarter of the time is held out instead, in one
+    to three stretches spread over the log. There are few of them, because a fit loses information with every free
+    initial state. A part behind a cut knows the commands before it (for delays and lags); if sensors have a memory, a
+    lead-in is not scored.
 
     Parameters
     ----------
     records : sequence of Record
         At least one rollout.
     hold_out : float, optional
-        A share in (0, 1), or a number (1, 2, ...): the last so many rollouts.
+        A share in (0, 1), or a number n = 1, 2, ...: the last n rollouts.
     shortest : float
-        What is held out lasts at least that long [s], and a stretch of it half as long: a window to score.
+        The least length [s] of all that is held out; a stretch of it is at least half as long, a window to score.
 
     Returns
     -------
@@ -69,8 +69,8 @@ def split(
 
 
 def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
-    """At least three rollouts, or else stretches, spread over a log so that they hold about that many samples; all of
-    it where it has no more."""
+    """About `most` samples of a log: at least three rollouts, or else stretches, spread over it; all of a log that has
+    no more."""
     share = most / max(sum(map(len, records)), 1)
     return tuple(records) if share >= 1.0 else _divided(records, share, 2.0, "searched part", MOST_STRETCHES)[1]
 
@@ -78,8 +78,8 @@ def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
 def _divided(
     records: Sequence[Record], share: float, shortest: float, name: str, fewest: int = 1
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """The rest of a log, and a share of it that is spread over it: whole rollouts, `fewest` and more, or stretches
-    called by that name."""
+    """(rest, chosen) of a log: a `share` of it, spread over it, as at least `fewest` whole rollouts or as stretches
+    with that name."""
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
@@ -104,7 +104,7 @@ def _divided(
 
 
 def _spread(n: int, count: int) -> list[int]:
-    """One place of each of `count` groups of neighbours among n, in each another one: rollouts may alternate."""
+    """One index of each of `count` groups of neighbours among n, at another place in each: rollouts may alternate."""
     groups = np.array_split(np.arange(n), count)
     return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
@@ -112,9 +112,9 @@ def _spread(n: int, count: int) -> list[int]:
 def _pieces(
     record: Record, begin: float, middles: Array, half: float, least: float, name: str
 ) -> Iterator[tuple[Record, bool]]:
-    """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`,
-    of that name, begin and end, and whether each piece is inside one; what is shorter than `least` [s] stays with what
-    it is by."""
+    """Cut a record, which begins at `begin` [s] of the whole log's time, at the ends of stretches that reach `half` [s]
+    to either side of `middles`. Yields each piece and whether it is in a stretch, in which case `name` is in its name.
+    Pieces shorter than `least` [s] are merged with a neighbour."""
     middle = begin + record.dt * (np.arange(len(record)) + 0.5)
     inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
     for first, last in _alike(inside):
@@ -129,12 +129,12 @@ def _pieces(
 
 
 def _alike(marks: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Where each run of equal marks (K,) begins and ends."""
+    """Begin and end of each run of equal marks (K,)."""
     return pairwise([0, *(np.flatnonzero(np.diff(marks)) + 1).tolist(), len(marks)])
 
 
 def leave_out(records: Sequence[Record], stretches: Iterable[tuple[str, float, float]]) -> tuple[Record, ...]:
-    """The records without stretches (record's name, begin [s], end [s]); what lies between becomes rollouts."""
+    """The records without some stretches (record's name, begin [s], end [s]); the rest of a record becomes rollouts."""
     stretches, kept = tuple(stretches), list[Record]()
     for record in records:
         n, acts = len(record), np.ones(len(record), dtype=bool)

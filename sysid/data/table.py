@@ -1,4 +1,4 @@
-"""Tables: named columns of numbers, the rows of them that are wanted, and what may be a column."""
+"""Tables: named columns of numbers, how they are made from arrays, and how they are cropped."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class TimeWindow(NamedTuple):
 
 
 def check_kept(name: str, kept: int, rows: int, most: int) -> None:
-    """Raise InvalidInput where more rows are kept than are wanted at most, of about `rows` in a log of that name."""
+    """Raise InvalidInput if more than `most` rows are kept of a log of that name, which has about `rows`."""
     if kept > most:
         raise InvalidInput(
             f"{name} has about {_round(rows):,} rows, and more than {most:,} of them were asked for: "
@@ -56,7 +56,7 @@ def seconds(nanoseconds: Any, missing: Any) -> Array:
 
 
 def rows_of(name: str, columns: Mapping[str, Array]) -> Table:
-    """The rows of columns (K,); a torque or a speed of K - 1 rows gets one more."""
+    """A table of columns (K,); a torque or a speed of K - 1 values gets a last one, nan."""
     table, rows = dict(columns), len(columns["t"])
     for title, values in columns.items():
         if title in ("torque", "theta_dot") and len(values) == rows - 1:

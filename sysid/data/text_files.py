@@ -31,7 +31,7 @@ def header(path: Path) -> tuple[str, ...]:
 
 @contextmanager
 def _text(path: Path) -> Iterator[TextIO]:
-    """The file as text; whatever shows that it is none becomes InvalidInput."""
+    """Open a file as text; raises InvalidInput if it turns out to be none."""
     try:
         with open(path, newline=None, encoding="utf-8-sig") as file:
             yield file

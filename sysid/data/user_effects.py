@@ -1,4 +1,4 @@
-"""A user's own effects: a Python file whose classes join the catalogue, checked before anything is fitted with them."""
+"""A user's own effects: a Python file whose classes join the catalogue, and are checked before anything is fitted."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ U = (0.6, -0.9, 0.2)
 
 
 def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
-    """Run a Python file of the user's; what it registers with @sysid.register joins the catalogue.
+    """Run a user's Python file; the effects that it registers with @sysid.register join the catalogue.
 
-    Every effect is tried at its neutral value and at its probes, on arrays and on CasADi's symbols.
+    Every effect is tried at its neutral value and at its probes, with NumPy arrays and with CasADi symbols.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
     ------
     InvalidInput
         In one sentence, where the file cannot be run, registers nothing, or holds an effect that raises, gives no
-        finite number, differs between the two, changes the motion at its neutral value or has no neutral value.
+        finite number, differs between arrays and symbols, changes the motion at its neutral value or has none.
     """
     path = Path(path)
     read_file(path, "a Python file with effects")
@@ -70,7 +70,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
 def run_file(path: Path, name: str) -> ModuleType:
     """Execute a user's file as a module of that name, and leave no __pycache__ beside it.
 
-    Raises InvalidInput, in one sentence, where it raises.
+    Raises InvalidInput, in one sentence, where the file raises.
     """
     module = sys.modules[name] = ModuleType(name)  # dataclasses look their module up
     module.__file__ = str(path)
@@ -86,7 +86,7 @@ def run_file(path: Path, name: str) -> ModuleType:
 
 
 def blamed(error: BaseException) -> InvalidInput | None:
-    """The sentence on what a user's effect raised, with its file and line; None where it came from elsewhere."""
+    """An InvalidInput that names the line of a user's file that raised the error; None if it came from elsewhere."""
     traceback, found = error.__traceback__, None
     while traceback is not None:
         code = traceback.tb_frame
@@ -124,7 +124,7 @@ def _problem(kind: type[Effect]) -> str:
         return "no parameter has a neutral value, at which the effect changes nothing: give one, as neutral=0.0"
     plain = Model(PointMassPendulum(m=1.0, l=0.5), dt=EXTENT.dt)
     still = _moved(plain)
-    for alternative in (tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1})):  # a formula fails at an end
+    for alternative in (tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1})):  # formulas fail at the ends
         for e in (alternative.neutral, *alternative.probes):
             numbers = _moved(plain.with_effect(e))
             if not np.all(np.isfinite(numbers)):
@@ -142,13 +142,13 @@ def _numbers(e: Effect) -> str:
 
 
 def _moved(model: Model) -> Array:
-    """States and readings (4, 5, K) after each command, from K states at once."""
+    """States and readings (3, 4, K) after each command of U, from K states at once."""
     rows = _path(model, THETA, THETA_DOT)
     return np.array([[np.broadcast_to(np.asarray(v, dtype=float), THETA.shape) for v in row] for row in rows])
 
 
 def _moved_symbols(model: Model) -> Array:
-    """The same through CasADi, parameters as symbols."""
+    """What `_moved` gives, computed by CasADi with the parameters as symbols."""
     theta, theta_dot = casadi.SX.sym("theta"), casadi.SX.sym("theta_dot")
     p = {name: casadi.SX.sym(name) for name in model.parameters}
     rows = _path(model.with_parameters(p), theta, theta_dot)

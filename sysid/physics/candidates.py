@@ -15,12 +15,12 @@ from sysid.physics.parameters import Extent, Parameter
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """One way to try an effect: its shape parameters at fixed numbers, and one probe a magnitude.
+    """One way to try an effect: with fixed numbers for its shapes, and one probe for each magnitude.
 
     neutral     the effect with these shapes, changing nothing
-    magnitudes  the names of the parameters that are tried
-    probes      the effect with one magnitude each off neutral, by sizes (q,)
-    side        1 where the (only) magnitude cannot be below neutral, -1 where it cannot be above, else 0
+    magnitudes  the names (q,) of the parameters that are tried
+    probes      the effect with each magnitude in turn off neutral, by sizes (q,)
+    side        1 if the (only) magnitude cannot be below neutral, -1 if it cannot be above, else 0
     """
 
     neutral: Effect
@@ -35,9 +35,9 @@ class Alternative:
         return self.neutral.name
 
     def at(self, sizes: Sequence[float]) -> Effect:
-        """The effect with its magnitudes that far from neutral, a little inside their bounds.
+        """The effect with its magnitudes off neutral by `sizes`, a little inside their bounds.
 
-        A limit that is neutral at "never" begins at its probe: nothing is linear on the way from there.
+        A limit whose neutral value means "never" is set to its probe instead: nothing is linear on the way from there.
         """
         values = {}
         for k, a, probe in zip(self.magnitudes, sizes, self.probes, strict=True):
@@ -54,7 +54,7 @@ class Alternative:
 
 
 def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:
-    """Every combination of the effect's shapes, and where a magnitude has several probes, each of them."""
+    """The Alternatives of an effect: every combination of its shapes and of its magnitudes' probes."""
     effect = kind().at_neutral()
     parameters = effect.parameters
     shapes = [p for p in parameters.values() if p.neutral is None]
@@ -80,10 +80,10 @@ def _side(magnitudes: Sequence[Parameter]) -> int:
 def candidates(
     model: Model, extent: Callable[[type[Effect]], Extent], names: Iterable[str] | None = None
 ) -> dict[str, tuple[Alternative, ...]]:
-    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes, and
-    whose bounds reach to what the log may show.
+    """The Alternatives of each effect that the model may lack: it is in the catalogue (or `names`), neither in the
+    model nor excluded by it, and has a probe inside its bounds.
 
-    `extent` says what the probes of a kind of effect may depend on.
+    `extent` gives the Extent of the log for a kind of effect.
     """
     present = {e.name for e in model.effects}
     excluded = {name for e in model.effects for name in e.excludes}

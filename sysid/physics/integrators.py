@@ -1,4 +1,4 @@
-"""Time steps: how theta_ddot becomes the state one control interval later."""
+"""Integrators: from theta_ddot to the state one control interval later."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Acceleration = Callable[[Value, Value, Value, Value], Value]
 Slope = Callable[[Value, Value, Value], Value]
 """theta_ddot(theta, theta_dot, t) [rad/s^2] under the drive torque of a substep."""
 Deceleration = Callable[[Value, Value, Value, Value], tuple[Value, Value]]
-"""What dry friction takes from positive and from negative speed (theta, theta_dot, t, drive) [rad/s^2], both >= 0."""
+"""Dry friction's limits against positive and negative speed (theta, theta_dot, t, drive) [rad/s^2], both >= 0."""
 
 
 @dataclass(frozen=True)
 class Integrator(ABC):
     """Advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque.
 
-    Dry friction c of the middle of a substep joins the other torques as if the joint slid all the time, which keeps
-    the scheme's order; `stick_slip` puts right the substeps in which it comes to rest, stays there or leaves.
+    Dry friction c, taken at the middle of a substep, joins the other torques as if the joint slid all the time, which
+    keeps the scheme's order. `stick_slip` corrects substeps in which the joint stops, stays at rest or breaks away.
     """
 
     substeps: int = 1
@@ -65,7 +65,7 @@ class Integrator(ABC):
         drive: Value,
         h: float,
     ) -> tuple[Value, Value]:
-        """A substep; with dry friction: c at its middle, the step under it, and what the joint makes of that."""
+        """A substep: with dry friction c taken at its middle, a step under it, and the correction for sticking."""
 
         def free(theta: Value, v: Value, t: Value) -> Value:
             return acceleration(theta, v, t, drive)
@@ -81,7 +81,7 @@ class Integrator(ABC):
         slowed, moved, moving = stick_slip(v, (v_end - v) / h + c, plus, minus, h)
         if self.order == 1:
             return theta + h * slowed, slowed
-        # a scheme's own path beside the parabola counts for as long as the joint moved
+        # the scheme's deviation from a parabola counts for the share of h in which the joint moved
         return theta + moved + moving * (end - theta - 0.5 * h * (v + v_end)), slowed
 
     @abstractmethod
@@ -94,9 +94,8 @@ class Integrator(ABC):
 def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value, Value]:
     """Speed [rad/s] after h [s], angle moved [rad], and the share of h in motion, from speed v under an acceleration a.
 
-    With friction c = plus or minus [rad/s^2] against the motion the joint slides for min(h, |v| / (c - a sign v));
-    then it stays, with speed 0 exactly, or leaves with a -+ c where a is beyond friction's limit. Exact for constant
-    a and c.
+    Friction c, `plus` or `minus` [rad/s^2], acts against the motion. The joint slides for min(h, |v| / (c - a sign v)).
+    Then it stays, with speed 0 exactly, or leaves with a -+ c if a is beyond friction's limit. Exact at constant a, c.
     """
     sign = ops.where(v > 0.0, 1.0, -1.0)
     slowing = ops.where(v > 0.0, plus, minus) - sign * a
@@ -110,7 +109,7 @@ def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple
 
 @dataclass(frozen=True)
 class SemiImplicitEuler(Integrator):
-    """Gymnasium's and the paper's step; first order; the speed is clipped before the angle is advanced.
+    """Gymnasium's and the paper's step, of first order; the speed is clipped before it advances the angle.
 
     theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max)
     theta' = theta + h theta_dot'
@@ -141,7 +140,7 @@ class RK4(Integrator):
     def substep(
         self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float
     ) -> tuple[Value, Value]:
-        """One step of size h; the drive is held, so the order holds for a drive constant over a substep."""
+        """One step of size h, of fourth order for a drive that is constant over it."""
         half = 0.5 * h
         v1, a1 = theta_dot, first
         v2 = theta_dot + half * a1

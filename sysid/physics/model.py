@@ -1,4 +1,4 @@
-"""Model = plant + effects + integrator: the one description that is simulated, fitted and trained on."""
+"""Model = plant + effects + integrator."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from sysid.physics.plants import Plant
 
 Drives = tuple[Value, ...]
 NEWTON_STEPS = 4
-"""Newton steps for the speed at the end of a substep; one is exact where the dynamic effects are linear."""
+"""Newton steps for the speed at the end of a substep; one is exact if the dynamic effects are linear."""
 
 
 class State(NamedTuple):
@@ -49,21 +49,21 @@ class Model:
 
         (J + sum J_e) theta_ddot = gravity_torque(theta) + actuator(drive(u)) + sum torque_e - dry friction + push
 
-    The command u is a torque where no effect is an actuator; push is a torque from outside. Parameters are named as in
-    the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
+    The command u is a torque if no effect is an actuator; push is a torque from outside. Parameters of the plant have
+    their own names ("m", "l"), those of effects "effect.field" ("viscous.b").
 
     Parameters
     ----------
     plant : Plant
         What swings or slides.
     effects : tuple of Effect
-        What acts on it beside gravity and the drive, on the way of the command, and on that of the readings.
+        What else acts: between command and drive torque, at the joint, and between joint and readings.
     integrator : Integrator
-        How a control interval is stepped.
+        The scheme that steps a control interval.
     dt : float
         The control interval [s].
     u_max : float
-        The largest command, in its own unit [N m].
+        The largest command, in its own unit (N m without an actuator).
 
     Raises
     ------
@@ -106,17 +106,17 @@ class Model:
 
     @cached_property
     def input_effects(self) -> tuple[InputEffect, ...]:
-        """Those between command and drive torque, in the order in which they act."""
+        """The effects between command and drive torque, in the order in which they act."""
         return tuple(sorted((e for e in self.effects if isinstance(e, InputEffect)), key=lambda e: e.stage))
 
     @cached_property
     def actuator(self) -> Actuator | None:
-        """What turns the command into torque; None: the command is the torque."""
+        """What turns the command into torque; None if the command is the torque."""
         return next((e for e in self.effects if isinstance(e, Actuator)), None)
 
     @property
     def damping(self) -> str:
-        """The name of the parameter by which the actuator brakes the joint; empty where there is none."""
+        """The full name of the parameter by which the actuator brakes the joint; empty if there is none."""
         own = self.actuator
         return f"{own.name}.{own.damping}" if own is not None and own.damping else ""
 
@@ -127,32 +127,32 @@ class Model:
 
     @cached_property
     def joint_effects(self) -> tuple[JointEffect, ...]:
-        """Those that act at the joint."""
+        """The effects that act at the joint."""
         return tuple(e for e in self.effects if isinstance(e, JointEffect))
 
     @cached_property
     def dry_frictions(self) -> tuple[DryFriction, ...]:
-        """Those that can hold the joint at rest."""
+        """The effects that can hold the joint at rest."""
         return tuple(e for e in self.effects if isinstance(e, DryFriction))
 
     @cached_property
     def dynamic_effects(self) -> tuple[DynamicEffect, ...]:
-        """Those that act at the joint and have states of their own."""
+        """The effects that act at the joint and have states of their own."""
         return tuple(e for e in self.effects if isinstance(e, DynamicEffect))
 
     @cached_property
     def inner_sd(self) -> tuple[float, ...]:
-        """How far the states of the dynamic effects may be from rest when a record begins."""
+        """Standard deviations of the dynamic effects' states about 0 when a record begins."""
         return tuple(sd for e in self.dynamic_effects for sd in e.start_sd)
 
     @cached_property
     def output_effects(self) -> tuple[OutputEffect, ...]:
-        """Those between joint and reading, in the order in which they act."""
+        """The effects between joint and reading, in the order in which they act."""
         return tuple(sorted((e for e in self.effects if isinstance(e, OutputEffect)), key=lambda e: e.stage))
 
     @property
     def machine(self) -> Model:
-        """The same model without what belongs to the log it was fitted on: what a controller will meet."""
+        """The same model without effects that belong to the log it was fitted to: what a controller will meet."""
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if not e.of_log))
 
     @cached_property
@@ -200,9 +200,9 @@ class Model:
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if e.name != name))
 
     def rest(self, like: Value = 0.0) -> tuple[Memory, ...]:
-        """The memory after a long time without command, in the shape and back end of `like`.
+        """The memory of the input effects after a long time without command, in the shape and back end of `like`.
 
-        A servo has held the angle `like` by then.
+        A servo is taken to have held the angle `like` for that time.
         """
         held = like if self.actuator is not None and self.actuator.at_angle else like * 0.0
         return tuple(tuple(held + v for v in e.rest(self.dt)) for e in self.input_effects)
@@ -216,7 +216,7 @@ class Model:
         return State(theta, theta_dot, (*self.rest(theta), *self.inner_rest(theta)))
 
     def drive(self, u: Value, memory: tuple[Memory, ...]) -> tuple[Drives, tuple[Memory, ...]]:
-        """Drive torques [N m], one a substep, from the command u [N m] held over dt, and the next memory."""
+        """The drive torques [N m] of the substeps under the command u [N m] held over dt, and the memory afterwards."""
         signal: Drives = (u,) * self.integrator.substeps
         after: list[Memory] = []
         for e, own in zip(self.input_effects, memory, strict=True):
@@ -226,14 +226,14 @@ class Model:
 
     @property
     def ahead(self) -> int:
-        """How many intervals early the input effects are handed the commands of a log."""
+        """By how many intervals the input effects get the commands of a log early (see `Stamp`)."""
         return sum(e.ahead for e in self.input_effects)
 
     def drives(self, u: Sequence[Value], like: Value = 0.0) -> Iterator[Drives]:
-        """The drive torques of each interval of a whole record u (N,) [N m], from rest.
+        """Yield the drive torques of each interval of a whole record u (N,) [N m], from rest.
 
-        The scan runs over N + ahead commands, the last one repeated, and what comes of the first `ahead` is dropped.
-        A servo has held its first command before.
+        N + ahead commands are passed on, the last one repeated, and the first `ahead` results are dropped. Until the
+        record begins a servo has held its first command.
         """
         memory = self.rest(like * 0.0 + u[0])
         for k, command in enumerate((*u, *(u[-1],) * self.ahead)):
@@ -242,9 +242,9 @@ class Model:
                 yield drives
 
     def drive_record(self, u: Array) -> Array:
-        """What `drives` yields, (..., N, S), of records (..., N) all at once: for plain numbers, many times faster."""
+        """What `drives` yields, as (..., N, S) for records (..., N) at once: plain numbers only, many times faster."""
         fed = np.concatenate([u, np.repeat(u[..., -1:], self.ahead, axis=-1)], axis=-1)
-        # what remembers begins at rest: beside a servo's first command
+        # effects with a memory begin at rest, which is a servo's first command
         held = u[..., :1, None] if self.actuator is not None and self.actuator.at_angle else 0.0
         signal = np.repeat(fed[..., None], self.integrator.substeps, axis=-1) - held
         for e in self.input_effects:
@@ -252,11 +252,11 @@ class Model:
         return signal[..., self.ahead :, :] + held
 
     def torque(self, theta: Value, theta_dot: Value, drive: Value) -> Value:
-        """The actuator's torque [N m] under a command that has passed the input effects."""
+        """The actuator's torque [N m] under a command that has passed through the input effects."""
         return drive if self.actuator is None else self.actuator.torque(drive, theta, theta_dot)
 
     def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Joint:
-        """What acts at the joint, as its effects see it."""
+        """The state, the torques and the plant, as the effects at the joint get them."""
         torque = self.torque(theta, theta_dot, drive)
 
         def summed() -> Value:
@@ -270,14 +270,14 @@ class Model:
         return Joint(theta, theta_dot, t, torque, self.plant, summed)
 
     def inertia(self) -> Value:
-        """J of the plant and of what the effects add [kg m^2]."""
+        """J of the plant plus what the effects add [kg m^2]."""
         J = self.plant.inertia()
         for e in self.joint_effects:
             J = J + e.inertia()
         return J
 
     def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Value:
-        """theta_ddot [rad/s^2] under a drive torque [N m], dry friction apart."""
+        """theta_ddot [rad/s^2] under a drive torque [N m], without dry friction."""
         joint = self.joint(theta, theta_dot, t, drive, push)
         torque = joint.load
         for e in self.joint_effects:
@@ -288,7 +288,7 @@ class Model:
     def deceleration(
         self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0
     ) -> tuple[Value, Value]:
-        """What dry friction can take from positive and from negative speed [rad/s^2]."""
+        """The largest deceleration by dry friction [rad/s^2], from positive and from negative speed."""
         joint, J = self.joint(theta, theta_dot, t, drive, push), self.inertia()
         plus: Value = 0.0
         minus: Value = 0.0
@@ -300,8 +300,8 @@ class Model:
     def move(
         self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0, push: Value = 0.0
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after dt under known drive torques and a constant push [N m]: the plant without its input
-        path. Raises InvalidInput for a model with dynamic effects, which `move_with_inner` carries."""
+        """(theta, theta_dot) after dt under known drive torques and a constant push [N m], without the input effects.
+        Raises InvalidInput for a model with dynamic effects: their states need `move_with_inner`."""
         if self.dynamic_effects:
             name = self.dynamic_effects[0].name
             raise InvalidInput(
@@ -312,7 +312,7 @@ class Model:
     def _moved(
         self, theta: Value, theta_dot: Value, drives: Drives, t: Value, push: Value, integrator: Integrator, dt: float
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after dt [s], dynamic effects apart."""
+        """(theta, theta_dot) after dt [s], without the dynamic effects."""
         accelerated, slowed = partial(self.acceleration, push=push), partial(self.deceleration, push=push)
         dry = slowed if self.dry_frictions else None
         return integrator.advance(accelerated, theta, theta_dot, t, drives, dt, dry)
@@ -326,10 +326,10 @@ class Model:
         t: Value = 0.0,
         push: Value = 0.0,
     ) -> tuple[Value, Value, tuple[Memory, ...]]:
-        """What `move` gives, and the states of the dynamic effects then.
+        """What `move` gives, and the states of the dynamic effects afterwards.
 
-        A substep is taken twice: under the torque that these effects begin with, and under their mean torque on the way
-        to the speed that they and the rest agree on (Newton's method).
+        Each substep is taken twice: under the torque that these effects have at its begin, then under their mean torque
+        on the way to the end speed that agrees with it, which Newton's method finds.
         """
         if not self.dynamic_effects:
             return (*self._moved(theta, theta_dot, drives, t, push, self.integrator, self.dt), ())
@@ -350,7 +350,7 @@ class Model:
         return theta, theta_dot, inner
 
     def _followed(self, inner: tuple[Memory, ...], stretch: Stretch) -> tuple[Value, Value, tuple[Memory, ...]]:
-        """What all dynamic effects together make of a stretch."""
+        """What `follow` gives for all dynamic effects: their torques and slopes summed, and the states of each."""
         own = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, inner, strict=True)]
         torque: Value = sum((o[0] for o in own[1:]), own[0][0])
         slope: Value = sum((o[1] for o in own[1:]), own[0][1])

@@ -1,9 +1,8 @@
 """Elementary functions for floats, NumPy arrays, CasADi symbols and torch tensors.
 
-Physics is written once with these; the back end follows from the types of *all* arguments, so a
-float limit beside a CasADi state gives a CasADi expression. Plain floats give plain floats: a NumPy
-scalar times a tensor would lose the gradient. torch is looked up among the modules already loaded
-and never imported here.
+Physics is written once with these. The back end follows from the types of *all* arguments, so that a float limit beside
+a CasADi state gives a CasADi expression. Plain floats give plain floats, because a NumPy scalar times a tensor would
+lose the gradient. torch is looked up among the modules already loaded and never imported here.
 """
 
 from __future__ import annotations
@@ -90,9 +89,9 @@ def floor(x: Value) -> Value:
 
 
 def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
-    """All of them as tensors of the type and on the device of the first that is one.
+    """All values as tensors, of the type and on the device of the first that is one.
 
-    A number is filled in there: a graph of a GPU may not wait for a copy from the host.
+    Numbers are created on that device: a graph of a GPU may not wait for a copy from the host.
     """
     like = next(v for v in values if isinstance(v, torch.Tensor))
     own = {"dtype": like.dtype, "device": like.device}
@@ -160,7 +159,7 @@ def stack(values: Sequence[Value]) -> Value:
 
 
 def alike(like: Value, *values: Value) -> tuple[Value, ...]:
-    """Values as tensors of the type and on the device of `like`, where that is a tensor; else as they are."""
+    """The values as tensors of the type and on the device of `like` if that is a tensor; else as they are."""
     torch = _tensor_module((like,))
     return values if torch is None else tuple(_as_tensors(torch, (like, *values))[1:])
 

@@ -18,15 +18,15 @@ from sysid.physics.ops import Value
 _KEY = "parameter"
 
 NEVER = 1e5
-"""A neutral value from here on is a limit that nothing reaches."""
+"""A neutral value of this size or more means a limit that nothing reaches."""
 
 
 class Extent(NamedTuple):
-    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log, its reach, the
-    inertia [kg m^2] of the model, and the log's largest speed [reach/s], where it moves.
+    """The sizes of a log and its model on which probes may depend: dt [s], the longest rollout [s], the largest command
+    [N m], the reach, the model's inertia [kg m^2], and the largest speed [reach/s] if anything moves.
 
-    The reach is what a radian is to a joint, a large way: for an axis half of its travel [m], so that no answer depends
-    on whether positions came in metres.
+    The reach is a large way: a radian for a joint, half of the travel [m] for an axis. So no answer depends on whether
+    positions came in metres.
     """
 
     dt: float
@@ -38,7 +38,7 @@ class Extent(NamedTuple):
 
 
 LogProbe = Callable[[Extent], Sequence[float]]
-"""Values to try a parameter at, by what a log can show."""
+"""A function that gives the values to try a parameter at on a log."""
 Probe: TypeAlias = float | Sequence[float] | LogProbe | None
 
 
@@ -46,12 +46,11 @@ Probe: TypeAlias = float | Sequence[float] | LogProbe | None
 class Parameter:
     """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
 
-    In a model its `name` is that of its `owner`, the effect ("" for the plant), and of the `field` that holds it:
-    "coulomb.tau_c".
-    `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value, it is a
-    shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them. A `known`
-    one is looked up rather than fitted, as gravity is: a fit leaves it alone unless it is asked for. `angles` is the
-    power of the angle in the unit that was declared: 1 in "rad/s", -2 in "N m s^2/rad^2".
+    In a model its `name` is that of its `owner`, the effect ("" for the plant), and of the `field` that holds it, as in
+    "coulomb.tau_c". At its `neutral` value the effect changes nothing; a parameter that has none (None) is a shape.
+    `probe` gives values to try it at: numbers, or a function of a log's Extent. A `known` parameter, such as gravity,
+    is looked up: no fit changes it unless it is asked to. `angles` is the power of the angle in the declared unit: 1 in
+    "rad/s", -2 in "N m s^2/rad^2".
     """
 
     name: str
@@ -66,10 +65,10 @@ class Parameter:
     angles: int = 0
 
     def probes(self, extent: Extent) -> tuple[float, ...]:
-        """Values within the bounds to try this parameter at on a log of that extent.
+        """The values within the bounds to try this parameter at on a log of that extent.
 
-        Where none is declared: a hundredth of what is large, beside neutral. What is declared in radians are shares of
-        the log's reach.
+        If none are declared, that of a shape is its value, else it is a hundredth of `large` beside neutral. Values
+        declared in radians count in units of the reach.
         """
         chosen = self.probe(extent) if callable(self.probe) else self.probe
         numbers = chosen if isinstance(chosen, Sequence) else (chosen,) if chosen is not None else ()
@@ -82,17 +81,17 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """A typical size: the number itself; at zero a tenth of the bounds' width, or 0.1 where that is above 1."""
+        """A typical size: that of the number itself or, at zero, a tenth of the bounds' width but no more than 0.1."""
         return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
 
     def large(self, extent: Extent) -> float:
-        """A large number of its unit on a log of that extent: 1, but for its angles, torques and inertias."""
+        """A large number on a log of that extent: 1 in its unit, but with the log's own torque, inertia and reach."""
         own = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
         return (own or 1.0) * extent.reach**self.angles
 
     @property
     def never(self) -> bool:
-        """Whether it is a limit, whose effect changes nothing as long as it is never reached: no slope leads there."""
+        """Whether it is a limit that changes nothing until it is reached: no derivative at neutral shows it."""
         return self.neutral is not None and abs(self.neutral) >= NEVER
 
     @property
@@ -140,7 +139,7 @@ def parameter(
     bounds : (float, float)
         The values that are allowed, ends included.
     neutral : float, optional
-        The value at which the effect that owns it changes nothing; without one it is a shape.
+        The value at which the effect that owns it changes nothing; a parameter without one is a shape.
     probe : float, sequence or function of an Extent, optional
         Values to try it at before anything is fitted.
     known : bool
@@ -159,7 +158,7 @@ def parameter(
 class Parametric:
     """A part of a model (plant or effect) whose numbers are fields made by `parameter`.
 
-    bounds   by field name, where others than the declared ones are wanted: RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})
+    bounds   other bounds than the declared ones, by field name: RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})
     """
 
     bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict, kw_only=True, repr=False)
@@ -205,7 +204,7 @@ def of_largest(*shares: float) -> LogProbe:
 
 
 def of_curve(*shares: float) -> LogProbe:
-    """Shares of the slope that takes the log's largest torque at its largest speed."""
+    """Shares of a slope: that of the log's largest torque over its largest speed."""
     return lambda extent: tuple(share * (extent.u_max or 1.0) / extent.speed for share in shares)
 
 

@@ -1,4 +1,4 @@
-"""What swings or slides: plants that give an inertia and a gravity torque."""
+"""Plants: what swings or slides, described by an inertia and a gravity torque."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Plant(Parametric):
     """J theta_ddot = gravity_torque(theta) + tau, with theta = 0 upright and theta = pi hanging.
 
     turns: whether theta comes back to the same place after a turn.
-    rest: where gravity lets it rest, and a spring is slack.
-    scale: the parameter in which motion alone shows no scale: without a known torque it cannot be found.
-    gravity: the parameter that is gravity alone, without which the plant has none; empty where each is inertia, too.
-    units: what the units of turning are called for this plant, the longest first; empty for what turns.
+    rest: the theta at which gravity lets it rest and a spring is slack.
+    scale: the parameter in proportion to all torques: without a known torque, motion cannot show it.
+    gravity: the fitted parameter that sets gravity alone; empty if each one sets the inertia, too.
+    units: this plant's names for the units of turning, the longest first; empty if it turns.
     """
 
     turns: ClassVar[bool] = True
@@ -34,7 +34,7 @@ class Plant(Parametric):
     units: ClassVar[Mapping[str, str]] = {}
 
     def unit(self, unit: str) -> str:
-        """The name that a unit of turning has for this plant.
+        """Translate a unit of turning into that of this plant.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class Plant(Parametric):
         return {name: self.unit(unit) for name, unit in turning.items()}
 
     def place(self, theta: Array) -> Array:
-        """Where theta [rad] is: modulo a turn where the plant turns."""
+        """Where theta [rad] is: modulo a turn if the plant turns."""
         return np.mod(theta, 2.0 * math.pi) if self.turns else theta
 
     @abstractmethod
@@ -118,8 +118,8 @@ class GeneralJoint(Plant):
 
         J theta_ddot = G sin(theta) + tau
 
-    A torque-driven pendulum of any shape, with J and G in place of (m, l, g), of which only these two
-    combinations show in the motion. G = 0 is a flywheel.
+    It describes a torque-driven pendulum of any shape, since only these two combinations of (m, l, g) show in the
+    motion. G = 0 is a flywheel.
     """
 
     scale: ClassVar[str] = "J"
@@ -142,8 +142,8 @@ class LinearAxis(Plant):
 
         m x_ddot = F
 
-    What is called theta, theta_dot, u elsewhere means x [m], x_dot [m/s] and the force F [N] here, and every unit
-    of an effect changes with it: N for N m, m for rad.
+    theta, theta_dot and u stand for x [m], x_dot [m/s] and the force F [N] here, and the units of effects change with
+    them: N for N m, m for rad.
     """
 
     turns: ClassVar[bool] = False
@@ -156,5 +156,5 @@ class LinearAxis(Plant):
         return self.m
 
     def gravity_torque(self, theta: Value) -> Value:
-        """None, in the shape and back end of theta."""
+        """Zero, in the shape and back end of theta."""
         return 0.0 * theta

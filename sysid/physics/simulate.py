@@ -42,7 +42,7 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     Parameters
     ----------
     model : Model
-        Its parameters may be arrays: leading shapes broadcast against them, too.
+        Its parameters may be arrays, which broadcast with the leading shapes of the others.
     u : array (..., N)
         Commands, each held over the model's dt, in the unit of its actuator, a torque [N m] without one.
     theta, theta_dot : array (...)

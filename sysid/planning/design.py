@@ -1,4 +1,4 @@
-"""Design of experiments: what a log of some signal would tell before it is played, and a search for the best signal."""
+"""Optimum experiment design: what the log of a signal would tell before it is played, and a search for the best."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.excitation import Limits, Signal, random_signals, rest_angle, vary
 
 KNOWN = Settings(sizes=False, vague=math.inf)
-"""For a fit beside disturbances that are known, which knows nothing of the parameters."""
+"""Settings of a fit beside disturbances that are known, without any prior knowledge of the parameters."""
 ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
-"""For what an experiment is planned with: numbers to a share of their sd, disturbances to a few per cent."""
+"""Settings of the fits for planning: parameters to a share of their sd, disturbances to a few per cent."""
 MISTOLD = 1.3
-"""Times the noise that was told, from which a fit has to be made anew."""
+"""From this many times the noise that was told, fits are made anew with the noise that was found."""
 FARTHEST = 1e4
-"""[rad], [rad/s] beyond which a motion has run away."""
+"""A motion beyond this many [rad], [rad/s] has run away."""
 LARGEST_GROWTH = 300.0
-"""Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""
+"""Growth of an initial error within a rollout, at most: beyond it motion is chaotic, and a fit loses its way."""
 UNDETERMINED = 1e9
 """Relative width from which an interval says nothing."""
 _SAMPLES = 60_000
@@ -62,22 +62,23 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Under what an experiment is played: what the rig may do, the noise of its readings, and what else acts on it."""
+    """Conditions of an experiment: what the rig may do, the noise of its readings, and what else acts on it."""
 
     limits: Limits
     sensor: Sensor
     disturbances: Disturbances = NONE
 
     def louder(self, share: Mapping[str, float]) -> Conditions:
-        """The same with so many times the noise of each channel."""
+        """The same with the noise of each channel multiplied by its `share`."""
         sd = {name: getattr(self.sensor, name) for name in CHANNELS}
         louder = {n: None if v is None else share.get(n, 1.0) * v for n, v in sd.items()}
         return replace(self, sensor=Sensor(louder["theta"], louder["theta_dot"], self.sensor.jitter))
 
     def after(self, fits: Sequence[Fit]) -> Conditions:
-        """The same with what the likeliest of some fits leaves unexplained, which will be there in the next log too.
+        """The same with what the likeliest of some fits leaves unexplained, since that will be in the next log, too.
 
-        That is a random torque and an angle error; or where louder white noise does as well for one of them, that.
+        It is a random torque and an angle error; or louder white noise, if that makes both needless for one of the
+        fits.
         """
         ranked = sorted(fits, key=lambda own: own.deviance)
         if ranked[0].undisturbed:
@@ -91,19 +92,19 @@ class Conditions:
         return replace(self, disturbances=with_likely_angle_error(ranked[0]))
 
     def _with_noise_of(self, found: Fit) -> Conditions:
-        """With the noise of what a fit leaves without disturbances."""
+        """The same with at least the noise that a fit's innovations show without disturbances."""
         e, read = found.linearised.system.filter(NONE).innovations, found.samples.weight > 0.0
         at = {c: e[read[:, k], k] for k, c in enumerate(CHANNELS) if np.any(read[:, k])}
         return self.louder({channel: max(1.0, float(np.sqrt(np.mean(own**2)))) for channel, own in at.items()})
 
     def much_louder(self, other: Conditions) -> bool:
-        """Whether a channel's noise is so much more than in others that fits under those mislead."""
+        """Whether a channel's noise is so much above that of other conditions that fits under those mislead."""
         pairs = ((getattr(self.sensor, c), getattr(other.sensor, c)) for c in CHANNELS)
         return any(own is not None and own > MISTOLD * told for own, told in pairs)
 
 
 class Pool:
-    """Signals, each one rollout and one record, as every hypothesis foresees them."""
+    """Signals, each of one rollout, and what every hypothesis predicts for them."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> None:
         self.hypotheses, self.signals, self.conditions = {h.name: h for h in hypotheses}, tuple(signals), conditions
@@ -126,7 +127,7 @@ class Pool:
 
     @cached_property
     def motions(self) -> dict[str, Array]:
-        """The states (K, N+1, 2) that each hypothesis foresees, from rest or from where a rollout is released."""
+        """The states (K, N+1, 2) that each hypothesis predicts, from rest or from where a rollout is released."""
         starts = np.array([[self.rest + s.release, 0.0] for s in self.signals])
         return {name: response.states(starts) for name, response in self.responses.items()}
 
@@ -136,7 +137,7 @@ class Pool:
         return np.array(list(self.motions.values()))
 
     def stays(self) -> NDArray[np.bool_]:
-        """Whether all motions keep to the limits (K,), or where there are none, within reason."""
+        """Whether the motions of all hypotheses keep to the limits (K,) or, where there are none, do not run away."""
         limits, slack = self.conditions.limits, 1.0 + 1e-6
         far, fast = np.max(np.abs(self.states - [self.rest, 0.0]), axis=(0, 2)).T
         own: NDArray[np.bool_] = far <= slack * (limits.theta_max or FARTHEST)
@@ -149,7 +150,7 @@ class Pool:
         return Samples(self.model, self.records, self.conditions.sensor)
 
     def sensitivities(self, name: str) -> Sensitivities:
-        """Those of a hypothesis beside its effect, along the motion that it foresees."""
+        """The Sensitivities of a hypothesis, without its effect's parameters, along the motion that it predicts."""
         if name not in self._sensitivities:
             own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
             x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
@@ -159,19 +160,19 @@ class Pool:
         return self._sensitivities[name]
 
     def calm(self) -> NDArray[np.bool_]:
-        """Whether no motion that was linearised is so sensitive that a fit would lose its way (K,)."""
+        """Whether a signal's linearised motions let no initial error grow beyond what a fit can follow (K,)."""
         growth = [_growth(own.linearised.system.A, len(self.signals)) for own in self._sensitivities.values()]
         calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
         return calm
 
     def unlike(self, truth: str, rival: str) -> Normal:
-        """What effect `truth` does to the readings, for the rival's effect and numbers to imitate."""
+        """Normal equations for the rival's effect and numbers to imitate what effect `truth` does to the readings."""
         own = self.hypotheses[truth].effect
         assert own is not None
         return self.sensitivities(truth).unlike(own, self.hypotheses[rival].effect, len(self.signals))
 
     def shown(self, name: str) -> list[Record]:
-        """What perfect sensors show of a hypothesis."""
+        """The records that perfect sensors would make if a hypothesis were true."""
         seen = self.responses[name].readings(self.motions[name])
         return [
             replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
@@ -179,7 +180,7 @@ class Pool:
         ]
 
     def left(self, truth: str, rival: str) -> float:
-        """The sum of squared innovations that a rival leaves when it is really fitted to what the truth shows."""
+        """The sum of squared innovations that a rival leaves when it is fitted in full to what the truth shows."""
         if (truth, rival) not in self._left:
             other, near, D = self.hypotheses[rival], self._follow(truth), self.conditions.disturbances
             fitted = fit_parameters(near.samples, other.model, other.names, near, D, KNOWN)
@@ -187,7 +188,7 @@ class Pool:
         return self._left[truth, rival]
 
     def _follow(self, truth: str) -> Fit:
-        """The truth beside what it shows, with its motion."""
+        """The truth, fitted to the readings that it predicts itself: rivals are fitted to these from there."""
         if truth not in self._followed:
             model, conditions = self.hypotheses[truth].model, self.conditions
             samples = Samples(model, self.shown(truth), conditions.sensor)
@@ -195,7 +196,7 @@ class Pool:
         return self._followed[truth]
 
     def precision(self) -> Normal:
-        """What the rollouts tell of the free parameters, each played in all hypotheses."""
+        """The normal equations of the free parameters for each rollout, summed over all hypotheses."""
         return reduce(Normal.plus, (self.sensitivities(n).precision(len(self.signals)) for n in self.hypotheses))
 
 
@@ -210,7 +211,7 @@ def _growth(A: Array, logs: int) -> Array:
 
 
 def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> list[Record]:
-    """What perfect sensors show of a model under the signals, from rest or from where it is released."""
+    """The records that perfect sensors would make of a model under the signals, from rest or where it is released."""
     return Pool([Hypothesis("", model, ())], signals, conditions).shown("")
 
 
@@ -232,19 +233,19 @@ def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], c
 
 
 Parts = list[Normal]
-"""The normal equations that a goal is made of, each of the pool's K signals."""
+"""The normal equations that a goal is made of; each is for all K signals of a pool."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What a log is for: `parts` of a pool are summed over the rollouts, and `value` (K,) is to be large."""
+    """What signals are searched for: `parts` of a pool are summed over the rollouts, and `value` (K,) is maximised."""
 
     parts: Callable[[Pool], Parts]
     value: Callable[[Parts], Array]
 
 
 def separation(pairs: Sequence[tuple[str, str]]) -> Goal:
-    """The smallest evidence, over pairs (truth, rival) of hypotheses, that the truth leaves against the rival."""
+    """The goal of telling hypotheses apart: the least evidence, over pairs (truth, rival), against the rival."""
     return Goal(
         lambda pool: [pool.unlike(truth, rival) for truth, rival in pairs],
         lambda parts: np.min([normal.unexplained() for normal in parts], axis=0),
@@ -252,7 +253,7 @@ def separation(pairs: Sequence[tuple[str, str]]) -> Goal:
 
 
 def precision(scale: Array) -> Goal:
-    """The widest interval in units of scale (P,), as a negative number; every rollout is played in each hypothesis.
+    """The goal of narrow intervals: minus the widest, in units of scale (P,); each rollout is played in all hypotheses.
 
     A log that does not determine a parameter is worth -UNDETERMINED.
     """
@@ -263,12 +264,12 @@ def precision(scale: Array) -> Goal:
 
 
 def expected_cost(weight: Array, covariance: Array) -> Goal:
-    """What the errors e of the free parameters will cost, as a negative number.
+    """The goal of small errors e of the free parameters: minus their expected cost.
 
         E e'We = tr(W C'),   C' = (C^-1 + F)^-1
 
-    weight W (P, P), covariance C (P, P) before the log, which tells F. A linear-optimal design (Atkinson and Fedorov,
-    Optimum Experimental Designs).
+    with the weight W (P, P), the covariance C (P, P) before the log, and its Fisher information F. The design is
+    linear-optimal (Atkinson and Fedorov, Optimum Experimental Designs).
     """
     value, vector = np.linalg.eigh(covariance)
     root = vector * np.sqrt(np.maximum(value, 0.0))
@@ -285,7 +286,7 @@ def expected_cost(weight: Array, covariance: Array) -> Goal:
 
 
 def yardsticks(model: Model, names: Sequence[str]) -> Array:
-    """What a parameter's interval is compared with: its own size; for an effect that may be nothing, 0.01 at least."""
+    """What a parameter's interval is compared with: its size, at least 0.01 for an effect that may be nothing."""
     known = model.parameters
     return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
 
@@ -293,10 +294,10 @@ def yardsticks(model: Model, names: Sequence[str]) -> Array:
 def search(
     goal: Goal, hypotheses: Sequence[Hypothesis], conditions: Conditions, rng: np.random.Generator
 ) -> list[Pool]:
-    """A few good choices of signals, one a rollout, each begun with one of another kind, best first.
+    """A few good choices of signals, one for each rollout, best first; each choice begins with another kind of signal.
 
-    Random signals of all kinds, then variations of the best; further rollouts are added one by one, always the one
-    that helps most. Raises InvalidInput where no signal keeps to the limits.
+    Signals of all kinds are drawn at random, and the best are varied. Then rollouts are added one by one, always the
+    one that helps most. Raises InvalidInput where no signal keeps to the limits.
     """
     model, limits = hypotheses[0].model, conditions.limits
     n = round(limits.duration / model.dt)
@@ -332,7 +333,7 @@ def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
 def _completed(
     goal: Goal, pool: Pool, parts: Parts, allowed: Sequence[int], first: int, rollouts: int
 ) -> tuple[float, tuple[Signal, ...]]:
-    """What the signals are worth that begin with the first, and these."""
+    """The value, and the signals, of the choice that begins with signal `first` and is completed greedily."""
     chosen, total = [first], [p.at(first) for p in parts]
     for _ in range(rollouts - 1):
         value = goal.value([p.plus(t) for p, t in zip(parts, total, strict=True)])

@@ -1,4 +1,4 @@
-"""Evidence: what readings along a motion tell of effects and parameters, whether they were made or are only planned."""
+"""Evidence: what the readings along a motion, made or planned, tell of effects and parameters."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from sysid.physics.ops import Array
 
 
 class Normal(NamedTuple):
-    """Normal equations of K logs: c (K,) = r'r, g (K, P) = S'r, F (K, P, P) = S'S, of whitened r and S.
+    """Normal equations of K logs: c (K,) = r'r, g (K, P) = S'r, F (K, P, P) = S'S; F is the Fisher information.
 
-    Those of several rollouts played together are their sums.
+    S are whitened sensitivities, r whitened changes of the readings. Rollouts that are played together add theirs up.
     """
 
     c: Array
@@ -27,7 +27,7 @@ class Normal(NamedTuple):
 
     @classmethod
     def of(cls, S: Array, r: Array) -> Normal:
-        """Of whitened sensitivities S (K, R, P) and changes r (K, R) of the readings, one log a row."""
+        """From whitened sensitivities S (K, R, P) and changes r (K, R) of the readings, one log a row."""
         S_t = np.swapaxes(S, -1, -2)
         return cls(np.sum(r * r, axis=-1), (S_t @ r[..., None])[..., 0], S_t @ S)
 
@@ -36,22 +36,22 @@ class Normal(NamedTuple):
         return Normal(*(np.sum(a, axis=0, keepdims=True) for a in self))
 
     def plus(self, one: Normal) -> Normal:
-        """Each log with another one beside it."""
+        """Each log together with another one."""
         return Normal(*(a + b for a, b in zip(self, one, strict=True)))
 
     def at(self, k: int) -> Normal:
         return Normal(*(a[k : k + 1] for a in self))
 
     def _scaled(self) -> tuple[Array, Array]:
-        """The norms (K, P) of the sensitivities, and F of those of norm 1."""
+        """The norms (K, P) of the sensitivities, and F for sensitivities of norm 1."""
         size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
         return size, self.F / (size[..., :, None] * size[..., None, :])
 
     def unexplained(self) -> Array:
-        """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
+        """c - g' F^-1 g (K,): what is left of r'r once the rival has its best numbers, to first order.
 
-        For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
-        Biometrika 1975.
+        For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2), with the cosine rho between the two effects.
+        Source: T-optimality, Atkinson and Fedorov, Biometrika 1975.
         """
         size, F = self._scaled()
         g = (self.g / size)[..., None]
@@ -71,11 +71,11 @@ class Normal(NamedTuple):
 
 
 class Sensitivities:
-    """What the innovations of a filter along a motion owe to the parameters `names`, and to an effect of the model.
+    """What the parameters `names`, and an effect of the model, change in the innovations of a filter along a motion.
 
-    The filter carries on what changes as the model does that made the motion; what the effect does is what the model
-    without it does not do along the motion. What a sensor makes of it is carried on as if it were not there, which is
-    of second order. The states where the records begin are not known: the filter's first state is vague.
+    Changes propagate as in the model that made the motion, with the effect; an output effect is left out of that, which
+    is an error of second order. The effect's own change is what the model without it fails to do along the motion. The
+    filter's first state is vague, since the states at which records begin are not known.
     """
 
     def __init__(
@@ -103,10 +103,8 @@ class Sensitivities:
         return self.filter.whiten(*self.without.effect_changes(effects, [1.0] * len(effects)))
 
     def unlike(self, truth: Effect, rival: Effect | None, logs: int = 1) -> Normal:
-        """What an effect does beyond a rival of its own numbers, for changes of those and of the parameters to imitate.
-
-        The chain is taken as that many logs of equal length.
-        """
+        """The normal equations of what an effect does beyond a rival, for the rival's numbers and the parameters to
+        imitate it. The records are taken as that many logs of equal length."""
         r, S = self.of((truth,)), self.Z
         if rival is not None:
             moves = self.of((rival, *_varied(rival)))
@@ -120,7 +118,7 @@ class Sensitivities:
 
 
 def _varied(effect: Effect) -> Iterator[Effect]:
-    """The effect with each of its parameters a little off."""
+    """The effect with each of its parameters in turn a little off."""
     for name, p in effect.parameters.items():
         value, step = float(p.value), 1e-3 * p.scale
         yield effect.with_parameters({name: value + step if value + step <= p.bounds[1] else value - step})

@@ -1,4 +1,4 @@
-"""Excitation: the torque signals with which a system is asked, drawn at random and varied, within the user's limits."""
+"""Excitation: torque signals within a user's limits, drawn at random and varied."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class Limits:
     rollouts : int
         How many rollouts to play.
     start : float
-        Farthest from rest that a rollout may be released at [rad]; at 0 there are no free swings.
+        How far from rest a rollout may be released, at most [rad]; at 0 there are no free swings.
     theta_max, theta_dot_max : float or None
-        Farthest from rest that the predicted motion may go [rad], and its largest speed [rad/s]; None: any.
+        How far from rest [rad], and how fast [rad/s], the predicted motion may go, at most; None for no limit.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class Signal:
         return u
 
     def smaller(self, share: float) -> Signal:
-        """The same at a share of the torque, and released as much nearer to rest."""
+        """The same with a share of the torque, and released at a share of the way from rest."""
         return dataclasses.replace(self, amplitude=share * self.amplitude, release=share * self.release)
 
     def sentence(self, plant: Plant) -> str:
@@ -145,7 +145,7 @@ class Signal:
 
 
 def _longest(limits: Limits, dt: float) -> tuple[float, float, float, float]:
-    """Shortest and longest hold [s], lowest and highest frequency [Hz] that a rollout can make use of."""
+    """Shortest and longest hold [s], lowest and highest frequency [Hz] that are of use in a rollout."""
     highest = min(0.25 / dt, 10.0)
     return 2.0 * dt, max(0.25 * limits.duration, 4.0 * dt), 1.0 / limits.duration, highest
 

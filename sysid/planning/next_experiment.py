@@ -1,4 +1,4 @@
-"""Experiment: which torque to play next, so that what a log confuses comes apart, or the widest interval shrinks."""
+"""Next experiment: which torque to play so as to tell apart what a log confuses, or to narrow the widest interval."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def next_experiment(
 
         evidence(i against j) = min_p |W (y_i - y_j(p))|^2
 
-    with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
-    log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
+    where y_i are the readings that effect i, of its fitted size, would cause. W whitens them, because a random torque
+    that the log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is minimised.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ def next_experiment(
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records.
     records : sequence of Record
-        The log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said.
+        The log at hand: it gives the rivals' sizes and the random torque, and the answer says what it tells itself.
     rng : numpy.random.Generator, optional
         By default seeded with 0: the same question gets the same answer.
     cost : array (P, P), optional
-        W of an estimate's parameters, without rivals: what errors e of them cost, e'We, is made small in place of the
-        widest interval.
+        The weight W of the errors e of an estimate's parameters: their expected cost e'We is minimised in place of the
+        widest interval. It excludes rivals.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def next_experiment(
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals))
-        near = partial(fit_parameters, settings=ROUGHLY)  # where an estimate says where to begin
+        near = partial(fit_parameters, settings=ROUGHLY)  # the estimate says where to begin
         first = first_fit if estimate is None else near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
@@ -124,7 +124,7 @@ def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, 
 def _known(
     model: Model, names: tuple[str, ...], estimate: Estimate | None, records: Sequence[Record], conditions: Conditions
 ) -> tuple[Estimate | None, Conditions]:
-    """The estimate of the free parameters, and under what conditions the next log will be made."""
+    """The estimate of the free parameters, and the conditions under which the next log will be made."""
     if not records:
         return estimate, conditions if estimate is None else _noisier(conditions, estimate)
     samples = Samples(model, records, conditions.sensor)
@@ -135,8 +135,8 @@ def _known(
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
-    """With what an estimate leaves: the noise of its residuals where that is more than the sensor's; and its random
-    torque, unless the noise was told so wrong that the torque made up for it."""
+    """The conditions with what an estimate leaves unexplained: the noise of its residuals, if more than the sensor's,
+    and its random torque, unless that only makes up for a noise that was told far too small."""
     told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
     louder = conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
     if louder.much_louder(conditions) or not estimate.random_torque:
@@ -214,7 +214,7 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
 def _best(
     hypotheses: tuple[Hypothesis, ...], contests: tuple[Contest, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Pool:
-    """The signals that bring the most evidence where they bring the least."""
+    """The signals whose least evidence, over the contests, is the largest."""
     compared = [h for h in hypotheses if any(h.name in (c.truth, c.rival) for c in contests)]
     pools = search(separation([(c.truth, c.rival) for c in contests]), compared, conditions, rng)
     return max(pools, key=lambda pool: min(c.after for c in contested(pool, contests, within=1.5)))
@@ -287,7 +287,7 @@ def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.rand
 
 
 def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
-    """The experiment of a pool's signals, each a rollout, as its first hypothesis foresees it; what is told of it."""
+    """The experiment that plays a pool's signals, as its first hypothesis predicts it; `told` says what it is worth."""
     plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
     kinds = {s.kind for s in pool.signals}
     orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))

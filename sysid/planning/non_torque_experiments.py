@@ -1,4 +1,4 @@
-"""Experiments beside torques: a payload, a scale, the driver off, for what no torque ever tells apart."""
+"""Experiments other than torques (a payload, a scale, the driver off), for what no torque ever tells apart."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sysid.planning.planned_experiment import Experiment
 from sysid.planning.rival_effects import inertial
 
 GRAVITY = 9.81
-"""[m/s^2] where the plant has none of its own."""
+"""Gravity [m/s^2] for a plant that has no parameter for it."""
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
 _ANSWERS = {
@@ -34,15 +34,15 @@ _ORDERS = {"m": "weigh the moving part (m)", "l": "measure its length (l)", "g":
 
 
 def never(names: Sequence[str]) -> bool:
-    """Whether it is known of these effects that no torque tells them apart, and that no size of theirs matters."""
+    """Whether it is known that no torque tells these effects apart, whatever their sizes."""
     return tuple(sorted(names)) in _ANSWERS
 
 
 def non_torque_experiment(model: Model, names: Sequence[str], after: float | None = None) -> Experiment:
-    """What tells apart effects ("torque_gain") or parameters ("m", "rotor_inertia.J_r") that no torque does.
+    """An experiment for effects ("torque_gain") or parameters ("m", "rotor_inertia.J_r") that no torque tells apart.
 
-    Back-EMF against friction: the driver off. What shows as an inertia or a gravity torque: a payload, a scale,
-    a ruler, with the least labour. `after` is the evidence that the best torque would bring, where that is known.
+    Back-EMF shows against friction with the driver off; what shows as an inertia or a gravity torque, with a payload, a
+    scale or a ruler, whichever is least labour. `after` is the evidence that the best torque would bring, if known.
     """
     owners = {name: p.owner or name for name, p in model.parameters.items()}
     names = tuple(dict.fromkeys(owners.get(n, n) for n in names))
@@ -64,7 +64,7 @@ def non_torque_experiment(model: Model, names: Sequence[str], after: float | Non
 
 
 def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
-    """The least labour that makes every parameter of the class show: a payload, the scale, both, a ruler too."""
+    """The least labour by which every parameter of the class shows: a payload, a scale, both, or a ruler as well."""
     fitted = free(model)
     for kind in (TorqueGain, RotorInertia):
         if kind.name in names and kind.name not in {e.name for e in model.effects}:

@@ -19,15 +19,15 @@ SHOWN = (
     *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
     *("start", "reach", "speed", "contests"),
 )
-"""What plain data show of an experiment as it is."""
+"""The attributes of an experiment that its plain data hold as they are."""
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
 HOPELESS = 0.5
-"""Evidence of a whole experiment below which it is not worth playing: thirty of them would be needed."""
+"""An experiment with less evidence is not worth playing: more than thirty of it would be needed to decide."""
 
 
 class Contest(NamedTuple):
-    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: no log) and of the experiment."""
+    """Evidence for `truth`, were it true, against `rival`: on the log at hand (None: no log) and of the experiment."""
 
     truth: str
     rival: str
@@ -53,22 +53,22 @@ class Experiment:
         "interval": the half width of the widest 95 % interval, that of parameter `widest`; "cost": what the errors of
         the parameters are expected to cost.
     before : float or None
-        That number on the log at hand; None where no log was given, or it was infinite.
+        The measure on the log at hand; None if there is no log, or the measure is infinite.
     after : float or None
-        The same expected of a log of this experiment alone, beside the random torque that the log at hand shows; of a
-        cost, of both logs together. None where it is not known, or there is nothing to play.
+        The measure that is expected of a log of this experiment alone (a cost: of both logs together), under the
+        random torque that the log at hand shows. None where it is not known, or there is nothing to play.
     u : array (n, N)
         The torque of each rollout [N m], held over `dt` [s].
     theta, theta_dot : array (n, N+1)
         The predicted motion [rad], [rad/s]; a rollout starts at rest at theta[:, 0].
     reach : float
-        Its farthest way from rest [rad].
+        The farthest that the predicted motion goes from rest [rad].
     contests : tuple of Contest
-        The evidence pair by pair; before and after are the least of it.
+        The evidence pair by pair; before and after are the least over all pairs.
     unit : str
         Of theta: "m" for a linear axis.
     information : array (P, P)
-        What it tells of the free parameters, in inverse squares of their units (of an interval, a cost).
+        The Fisher information on the free parameters, in inverse squares of their units; with measure "cost" only.
     """
 
     kind: str
@@ -109,7 +109,7 @@ class Experiment:
 
     @property
     def repeats(self) -> int | None:
-        """How often to play it until the evidence decides (evidence grows at least in proportion); None: never."""
+        """How often to play it until the evidence decides; None: never. Evidence grows at least in proportion."""
         if self.measure != "evidence" or self.after is None:
             return 1
         return math.ceil(DECISIVE / self.after) if self.after >= HOPELESS else None

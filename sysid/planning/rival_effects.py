@@ -1,4 +1,4 @@
-"""Rivals: effects that a log confuses, each as a model that is fitted to it, and what tells one from another."""
+"""Rivals: effects that a log confuses, each as a model that is fitted to the log, and what tells them apart."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from sysid.planning.excitation import Signal, random_signals
 from sysid.planning.planned_experiment import Contest
 
 NOTHING = "nothing"
-"""Name of the hypothesis that no rival is there."""
+"""Name of the hypothesis without any rival."""
 First = Callable[[Samples, Model, Sequence[str]], Fit]
-"""How a log is fitted before any rival is."""
+"""A function that fits a model without rivals to a log."""
 _TRUE = 0.25
-"""A rival may be the truth where it explains at least that share of what the best one explains."""
+"""A rival may be the truth if it explains at least this share of what the best one explains."""
 STRUCTURAL = 1e-4
-"""Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
+"""If a rival leaves less than this share of an effect's evidence, no torque ever tells the two apart."""
 NESTED = 1e-2
-"""The same where the rival was really fitted, which need not have come to its end."""
+"""The same for a rival that was fitted in full, since such a fit need not have converged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Hypotheses that a log confuses, the last of them that there is no rival, and which must be told from which.
+    """Hypotheses that a log confuses, the last of them without any rival, and the contests between them.
 
-    conditions those of the next log: with what the best of them leaves of this one
-    absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
+    conditions those of the next log, with what the best hypothesis leaves unexplained in this one
+    absorbed   rivals that the free parameters imitate whatever is played; if there are any, there are no contests
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -52,13 +52,13 @@ class Hypotheses:
 
 
 def inertial(model: Model, names: Sequence[str]) -> bool:
-    """Whether all of these effects and parameters show in the motion as J / c and G / c only, c the torque gain."""
+    """Whether all these effects and parameters show in the motion only as J / c and G / c, c being the torque gain."""
     own = model.names_of("")
     return all(n in own or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
 
 
 def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
-    """Their names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
+    """The rivals' names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
     names = tuple(effect(r).name if isinstance(r, str) else r.name for r in rivals)
     if len(set(names)) < len(names):
         raise InvalidInput(f"rivals name an effect twice: {', '.join(names)}")
@@ -73,10 +73,10 @@ def hypotheses_of(
     conditions: Conditions,
     first: First,
 ) -> Hypotheses:
-    """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
+    """The hypotheses for some rivals, fitted to the log or, without one, to what a known rival does under a multisine.
 
-    Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
-    Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
+    A rival of unknown size (no log and no numbers, or the log does not show it) has that of its probe. Raises
+    InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
     names = names_of(rivals)
     sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
@@ -142,7 +142,7 @@ def _fitted(
     first: First,
     settings: Settings,
 ) -> Fits:
-    """The fit with none, and one with each rival that the readings show or whose size is known."""
+    """Fit the model without rivals, and with each rival that the readings show or whose size is known."""
     none = first(Samples(base.model, records, conditions.sensor), base.model, base.names)
     searched = [n for n in names if n not in sized]
     found = scores(none, searched) if searched else {}
@@ -153,7 +153,7 @@ def _fitted(
 
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
-    """The hypotheses and their contests; a single one stands against the model without it."""
+    """The hypotheses and their contests; a single rival is compared with the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
@@ -168,7 +168,7 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
 
 
 def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
-    """What each rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
+    """The evidence for the truth against each rival at its best numbers, on the log at hand and to first order."""
     if truth not in fits.with_rival:
         return [0.0] * len(rivals)
     effects = {n: next(e for e in own.model.effects if e.name == n) for n, own in fits.with_rival.items()}
@@ -182,9 +182,9 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
 
 
 def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf) -> tuple[Contest, ...]:
-    """The contests with the evidence that a pool's signals bring, each rival being fitted to what the truth shows.
+    """The contests with the evidence that a pool's signals bring when each rival is fitted to what the truth shows.
 
-    Those whose first-order evidence is over `within` times the least keep that.
+    If the first-order evidence is over `within` times the least so far, it stands, and no fit is made.
     """
     first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in contests]
     least, found = math.inf, list[Contest]()
@@ -198,9 +198,9 @@ def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf)
 def separable(
     hypotheses: Sequence[Hypothesis], contests: Sequence[Contest], conditions: Conditions, rng: np.random.Generator
 ) -> tuple[Contest, ...]:
-    """The contests that some torque decides: not those of which the rival holds the truth as a special case.
+    """The contests that some torque decides, without those in which the truth is a special case of the rival.
 
-    What sets a pair apart is compared with what the truth does alone, beside the hypothesis of no effect.
+    The evidence against a rival is compared with that against the hypothesis of no effect.
     """
     signals = random_signals(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
     signals = within_limits(hypotheses, signals, conditions)
@@ -208,7 +208,7 @@ def separable(
     pool, played, found = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
     for c in contests:
         if len(pool.hypotheses[c.rival].names) > len(pool.hypotheses[c.truth].names):
-            # through a kink a tangent does not see that one is a special case of the other: a fit does
+            # at a kink linearisation does not see that the truth is a special case of the rival: a fit does
             apart = played.left(c.truth, c.rival) > NESTED * played.left(c.truth, NOTHING)
         else:
             alone, against = (pool.unlike(c.truth, other).unexplained() for other in (NOTHING, c.rival))
@@ -219,7 +219,7 @@ def separable(
 
 
 def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
-    """Hypotheses that no torque tells from an earlier one, with that one."""
+    """Each hypothesis that no torque tells from an earlier one, with that one."""
     order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
     alike = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
     return {c.truth: c.rival for c in alike if c.rival in order[: order.index(c.truth)]}

@@ -1,4 +1,4 @@
-"""What may be missing from a model: one file a family, and the catalogue of them all."""
+"""Effects that a model may lack: one file for each family, and the catalogue of all."""
 
 from sysid.physics.effects.catalogue import ACTUATORS, CATALOGUE, effect, kind_of, preferred, register
 from sysid.physics.effects.effect import (

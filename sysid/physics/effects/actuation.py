@@ -17,10 +17,10 @@ from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import doubling, of_curve, of_largest, parameter
 
 MOST_IDLE = 0.9
-"""Share of the instants at which a moving drive is told something up to which it may give nothing of it: beyond it the
-motion does not depend on the command, as that of a joint that a controller leads along a path does not."""
+"""Share, at most, of the instants with motion and a command at which a drive may give nothing: beyond it the motion
+does not depend on the command, like that of a joint that a controller leads along a path."""
 NEXT_TO_NOTHING = 0.1
-"""Share of a drive's stall torque that is nearly nothing."""
+"""Share of a drive's stall torque that counts as next to nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class DeadZone(InputEffect):
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def resolved(self, sd: float, reach: float, told: Joint) -> bool:
-        """Whether the drive gives at times more than nothing."""
+        """Whether the drive gives something often enough (MOST_IDLE)."""
         return _share(told.drive == 0.0) < MOST_IDLE
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
@@ -136,9 +136,9 @@ class Saturation(InputEffect):
 class TorqueSpeedLimit(JointEffect):
     """A motor's torque-speed curve: a limit of the torque that falls with the speed that it drives.
 
-    A driver of limited voltage gives its stall torque `limit` at rest and nothing at the no-load speed limit / k; k is
-    the slope of the curve, and what back-EMF takes. Against the motion it gives up to `limit`. With k = 0 it is a
-    saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
+    A driver of limited voltage gives its stall torque `limit` at rest and nothing at the no-load speed limit / k; the
+    curve falls with slope k by back-EMF. Against the motion it gives up to `limit`. With k = 0 it is a saturation; a
+    limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
     """
 
     words = "a limit of the torque that falls with speed"
@@ -151,7 +151,7 @@ class TorqueSpeedLimit(JointEffect):
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 
     def resolved(self, sd: float, reach: float, told: Joint) -> bool:
-        """Whether the drive, where it pushes the joint on, is not all the time about as fast as it can be."""
+        """Whether the drive gives more than next to nothing often enough (MOST_IDLE), where it pushes the joint on."""
         pushes = told.drive * told.theta_dot > 0.0
         given = np.abs(told.drive + self.torque(told))
         return _share((given < NEXT_TO_NOTHING * float(self.limit))[pushes]) < MOST_IDLE
@@ -164,9 +164,9 @@ class TorqueSpeedLimit(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class BackEmf(JointEffect):
-    """The current that a turning motor takes from a voltage driver.
+    """A torque against the motion: a turning motor takes current from its voltage driver.
 
-    Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
+    It is exactly viscous friction while the driver is on; only a log with the driver off tells them apart.
     """
 
     words = "back-EMF"
@@ -185,8 +185,8 @@ class Stamp(InputEffect):
     """Torques that the log stamps s samples early. It belongs to the log, not to the machine.
 
     s = 0: a row's torque is held from its time to the next row's. s = -1: from the row before until this one.
-    s = -1/2: half of each. s = 1: it acts one row late. It is handed the torque one row ahead and delays it by
-    (1 + s) dt.
+    s = -1/2: half of each. s = 1: it acts one row late. The effect gets each torque one row early and delays
+    it by (1 + s) dt.
     """
 
     words = "a stamp of the torques"
@@ -211,5 +211,5 @@ class Stamp(InputEffect):
 
 
 def _share(where: NDArray[np.bool_]) -> float:
-    """The share of instants at which something is so; of no instants 0."""
+    """The share of instants at which `where` is true; 0 if there are none."""
     return float(np.mean(where)) if where.size else 0.0

@@ -53,8 +53,8 @@ class DCMotor(Actuator):
 class PositionServo(Actuator):
     """A servo that holds the angle u [rad].
 
-    The servo closes its loop inside the drive, faster than the log was written: its torque follows the joint within a
-    sample. 10^6 stands for no limit. Gains are those at the joint.
+    The servo closes its loop inside the drive, faster than the log was sampled: its torque follows the joint within a
+    sample. A limit of 10^6 stands for none. Gains are those at the joint.
     """
 
     words = "a servo driven by a position command"

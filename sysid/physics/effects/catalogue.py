@@ -23,7 +23,7 @@ def _declared(module: ModuleType) -> Iterator[tuple[str, Any]]:
 FAMILIES = (friction, load, disturbance, actuation, sensing)
 CATALOGUE: dict[str, type[Effect]] = dict(pair for family in FAMILIES for pair in _declared(family))
 ACTUATORS: dict[str, type[Actuator]] = dict(_declared(actuators))
-"""What stands in a model whose command is no torque. None is ever missing: the log's columns say what was commanded."""
+"""The actuators, for models whose command is no torque. None is searched for: a log's columns show the command."""
 
 EffectType = TypeVar("EffectType", bound=type[Effect])
 
@@ -44,7 +44,7 @@ def register(kind: EffectType) -> EffectType:
     Raises
     ------
     InvalidInput
-        Where it is no effect, the name is taken by another class, or a declaration is not of its kind.
+        Where it is no effect, the name is taken by another class, or a declaration has another type than expected.
     """
     _check_declared(kind)
     known = CATALOGUE.get(kind.name)
@@ -67,7 +67,7 @@ def _check_declared(kind: type[Effect]) -> None:
 
 
 def preferred() -> tuple[str, ...]:
-    """The effects that stand for those that a log cannot tell from them, the highest precedence first."""
+    """The effects that stand for others that a log cannot tell from them, the highest precedence first."""
     ranked = sorted(CATALOGUE.values(), key=lambda kind: kind.precedence, reverse=True)
     return tuple(kind.name for kind in ranked if kind.precedence > 0)
 

@@ -16,9 +16,9 @@ from sysid.physics.parameters import Extent, parameter
 
 _MOST_FREQUENCIES = 200
 PERIODIC = 0.8
-"""Autocorrelation from which a motion comes back."""
+"""Autocorrelation from which a motion counts as periodic."""
 ALMOST = 0.97
-"""Share of the largest autocorrelation from which an earlier peak counts as the period, and that one as a multiple."""
+"""The first peak of at least this share of the largest autocorrelation is the period, the largest a multiple."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class TorqueBias(JointEffect):
 
 
 def _frequencies(extent: Extent) -> tuple[float, ...]:
-    """Every half of what the log can resolve, from two periods in it up to 12 Hz or 0.8 times the Nyquist frequency."""
+    """Frequencies at half of the log's resolution, from two periods in it to 12 Hz or 0.8 of the Nyquist frequency."""
     low, high = 2.0 / extent.duration, min(0.4 / extent.dt, 12.0)
     count = int(2.0 * max(high - low, 0.0) * extent.duration) + 1
     return tuple(np.linspace(low, max(high, low), min(count, _MOST_FREQUENCIES)).tolist())
@@ -60,7 +60,7 @@ class Periodic(JointEffect):
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
 
     def recurrences(self, theta: Array, t: Array) -> float:
-        """Periods in the record; -inf where the motion comes back with them: then it is as well a function of that."""
+        """Periods in the record; -inf if the motion repeats with them: the torque may then be a function of it."""
         waves = float(self.f) * _period(theta, t)
         returns = waves > 0.5 and abs(waves - round(waves)) < 0.1
         return -math.inf if returns else float(self.f * np.ptp(t))
@@ -85,10 +85,10 @@ class Drift(JointEffect):
 
 
 def _period(theta: Array, t: Array) -> float:
-    """After how long [s] a motion comes back, 0 where it does not within three quarters of the record.
+    """The period [s] of a motion; 0 if it does not repeat within three quarters of the record.
 
-    c_k = sum_i x_i x_(i+k) / sqrt(sum_i x_i^2 sum_i x_(i+k)^2), 1 where it comes back exactly; the first peak counts,
-    as it comes back after every multiple of its period, too.
+    It is the first high peak of the autocorrelation, as multiples of the period have peaks, too; 1 is an exact
+    repetition: c_k = sum_i x_i x_(i+k) / sqrt(sum_i x_i^2 sum_i x_(i+k)^2).
     """
     x = theta - np.mean(theta)
     n, lags = len(x), 3 * len(x) // 4

@@ -21,9 +21,9 @@ Memory = tuple[Value, ...]
 
 @dataclass(eq=False)
 class Joint:
-    """What acts at the joint sees: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m] and the plant.
+    """What an effect at the joint gets: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m] and the plant.
 
-    summed   gives `load`; only an effect that asks for it pays for the sum
+    summed   computes `load`, for those effects only that ask for it
     """
 
     theta: Value
@@ -47,7 +47,7 @@ class Joint:
 class Stretch(NamedTuple):
     """A short stretch of the joint's motion: h [s], the speed at its begin and end [rad/s], the angle travelled [rad].
 
-    The travel goes with the mean of the speeds, but where dry friction holds the joint in between.
+    The travel is h times the mean of both speeds, unless dry friction holds the joint in between.
     """
 
     h: float
@@ -72,15 +72,15 @@ class Effect(Parametric):
     confused   names of effects that many logs cannot tell from it
     excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
-    rarity     -log of its odds before any log was seen, against friction, which is in every joint
-    imitates   the quantity ("theta", ...) of which alone it is a function, so that it explains a part of any other
-    refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
-    precedence where a log cannot tell effects apart, the one of the highest stands for them: the log's own convention
-               before any machine's; 0: it stands for itself
-    begins     its numbers where a fit begins without knowing them, as shares of what is large (`Parameter.large`)
-    inertial   whether it shows in the motion as another inertia does: a payload tells it, no torque does
-    brakes     whether it is a torque against the speed and proportional to it, as the damping of an actuator is
-    ratios     ratios of its numbers that a log may know better than both: name -> (above, below, unit)
+    rarity     -log of its prior odds, against friction, which is in every joint
+    imitates   the quantity ("theta", ...) of which alone it is a function, and so a part of any other function of it
+    refines    simpler effects, alone or together, that explain most of what it does: it has to beat each
+    precedence its rank among effects that a log cannot tell apart: the highest stands for all of them, the log's own
+               convention before any machine's; at 0 it stands for itself only
+    begins     the numbers from which a fit begins if none are known, as shares of `Parameter.large`
+    inertial   whether it looks like another inertia in the motion: a payload shows it, a torque does not
+    brakes     whether it is a torque against the speed and proportional to it, like an actuator's damping
+    ratios     ratios of its numbers that a log may show better than either: name -> (numerator, denominator, unit)
     """
 
     words: ClassVar[str] = ""
@@ -105,30 +105,30 @@ class Effect(Parametric):
     name: ClassVar[str] = "effect"
 
     def recurrences(self, theta: Array, t: Array) -> float:
-        """How often its pattern comes back along a motion theta (N,) [rad] at t (N,) [s]; inf: it is no pattern,
-        -inf: it may as well be a function of the motion, which comes back with it."""
+        """How often its pattern repeats along a motion theta (N,) [rad] at t (N,) [s]. inf: it has no pattern; -inf:
+        the motion repeats with it, so that it may as well be a function of the motion."""
         return math.inf
 
     @property
     def plausible(self) -> bool:
-        """Whether a machine may have these numbers, beside their bounds."""
+        """Whether a machine may have these numbers, apart from their bounds."""
         return True
 
     def resolved(self, sd: float, reach: float, told: Joint) -> bool:
-        """Whether readings of the angle with that sd [rad] can show it, in a motion of that reach [rad]; `told` is the
-        joint where it moves and its drive is told a torque, and no position."""
+        """Whether angle readings with that sd [rad] can show it in a motion of that reach [rad]. `told` is the joint at
+        those instants at which it moves and its drive is given a torque (and not a position)."""
         return True
 
     @property
     def idle(self) -> bool:
-        """Whether it changes nothing, since all its numbers that have a neutral value are at it."""
+        """Whether it changes nothing, as all its numbers that have a neutral value are at it."""
         sized = [p for p in self.parameters.values() if p.neutral is not None]
         return bool(sized) and all(
             float(p.value) == p.neutral or (p.never and abs(float(p.value)) >= NEVER) for p in sized
         )
 
     def at_beginning(self, extent: Extent) -> Any:
-        """The same effect with its numbers where a fit begins that does not know them, on a log of that extent."""
+        """The same effect with the numbers from which a fit to a log of that extent begins, if none are known."""
         shown = extent._replace(u_max=extent.u_max or extent.inertia)
         return self.with_parameters({k: share * self.parameters[k].large(shown) for k, share in self.begins.items()})
 
@@ -141,9 +141,9 @@ class Effect(Parametric):
 class InputEffect(Effect):
     """Maps the command to the drive torque; depends on the command alone, not on the joint's state.
 
-    A signal over one control interval is a tuple of means over its substeps. Effects act in the order of
-    `stage`, within a stage as they are listed: what belongs to the log (-1), static ones (0), delay (1), lag (2).
-    An effect with ahead = 1 is handed each command one interval early: that exists in a log, not in a running machine.
+    A signal over one control interval is a tuple of means over its substeps. Effects act in the order of `stage`,
+    within a stage as they are listed: what belongs to the log (-1), static ones (0), delay (1), lag (2). An effect with
+    ahead = 1 gets each command one interval early, which is possible in a log but not in a running machine.
     """
 
     stage: ClassVar[int] = 0
@@ -173,16 +173,16 @@ class InputEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class Actuator(Effect):
-    """Turns the command into the torque at the joint, where a log holds another command than a torque.
+    """Turns the command into the torque at the joint, if the log's command is something else than a torque.
 
-    A model has one at most; without one its command is the torque. It stands behind the input effects, which act on
-    the command in its own unit.
+    A model has at most one; without one its command is the torque. The input effects come before it and act on the
+    command in its own unit.
 
     command      what the command is, for a sentence
-    unit         the command's unit, in those of what turns
+    unit         the command's unit, for a plant that turns
     scale        the parameter that sets the scale of all torques: motion alone cannot show it
     damping      the parameter by which it brakes the joint
-    at_angle     whether the command is an angle of the joint: it is read as angles are, and rests at the joint's own
+    at_angle     whether the command is an angle of the joint: it is converted as one, and rests at the joint's own
     """
 
     command: ClassVar[str] = "torque"
@@ -198,7 +198,7 @@ class Actuator(Effect):
 
 @dataclass(frozen=True, eq=False)
 class JointEffect(Effect):
-    """Adds a torque, and where it has one an inertia, at the joint. Those with `friction` are summed last."""
+    """Adds a torque, and perhaps an inertia, at the joint. Effects with `friction` are summed last."""
 
     friction: ClassVar[bool] = False
 
@@ -215,8 +215,7 @@ class JointEffect(Effect):
 class DryFriction(Effect):
     """Opposes motion with a torque of its own size, and holds a joint at rest with up to that torque.
 
-    The integrator resolves it: a substep of the other torques first, then friction takes away at most
-    h limit / J of the speed, never more than there is. So a joint really sticks, in every back end.
+    The integrator (`sysid.physics.integrators`) resolves it such that the joint really sticks, in every back end.
     """
 
     @abstractmethod
@@ -228,14 +227,14 @@ class DryFriction(Effect):
 class DynamicEffect(Effect):
     """Acts at the joint with a torque that depends on states of its own, which the joint's motion drives.
 
-    start_sd    how far each of its states may be from 0, where it begins, when a record begins
+    start_sd    the standard deviation of each of its states about 0 when a record begins
     """
 
     start_sd: ClassVar[tuple[float, ...]] = ()
 
     @abstractmethod
     def follow(self, states: Memory, stretch: Stretch) -> tuple[Value, Value, Memory]:
-        """What happens over a stretch of the joint's motion: the mean torque on the joint [N m], its derivative with
+        """Follow the joint over a stretch of its motion: the mean torque on the joint [N m], its derivative with
         respect to the speed at the end [N m s/rad], never positive, and the states afterwards."""
 
 

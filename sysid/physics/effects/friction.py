@@ -13,9 +13,9 @@ from sysid.physics.ops import Value
 from sysid.physics.parameters import of_duration, parameter
 
 ONE_WAY = 0.1
-"""Share of one direction's friction below which that of the other stands for an offset, not for friction."""
+"""If one direction's friction is less than this share of the other's, they stand for an offset, not for friction."""
 LARGEST_GIVE = 0.3
-"""Share of a motion's reach that a contact gives by, at most, before it slides."""
+"""Share of a motion's reach, at most, by which a contact gives before it slides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +123,9 @@ class AsymmetricViscous(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class AsymmetricCoulomb(DryFriction):
-    """Dry friction that depends on the direction; at rest it holds between the two.
+    """Dry friction that depends on the direction; at rest it holds up to either limit.
 
-    Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
+    If the joint never stands, Coulomb friction of the mean and a torque bias of half the difference act alike.
     """
 
     words = "dry friction that depends on the direction"
@@ -148,9 +148,8 @@ class AsymmetricCoulomb(DryFriction):
 class WarmingFriction(DryFriction):
     """Dry friction of a grease that warms up; at rest it holds up to as much.
 
-    Friction falls by `excess` to tau_c with the time constant T of the machine's heat, which takes seconds at least; t
-    is the time from the start of each record, before which the machine has rested. With excess = 0 it is Coulomb
-    friction.
+    It falls by `excess` to tau_c with the time constant T of the machine's heat, which is seconds at least. t is the
+    time from the start of each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
     """
 
     words = "dry friction that falls as the machine warms up"
@@ -171,9 +170,9 @@ class WarmingFriction(DryFriction):
 class Dahl(DynamicEffect):
     """Dry friction that builds up over a travel.
 
-    Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad], z_s [rad]; w is its deflection, 1
-    where it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1,
-    1968.)
+    Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad]. w is its deflection in units of z_s
+    [rad], and 1 when it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation
+    TOR-0158(3107-18)-1, 1968.)
     """
 
     words = "dry friction that gives like a spring before it slides"
@@ -187,8 +186,8 @@ class Dahl(DynamicEffect):
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
 
     def resolved(self, sd: float, reach: float, told: Joint) -> bool:
-        """Whether it gives by more than the sd, else it is Coulomb friction to these readings; and by less than a large
-        part of the motion, else it hardly slides."""
+        """Whether z_s is above the sd (otherwise readings show Coulomb friction) and below a large share of the reach
+        (otherwise the joint hardly slides)."""
         return sd < float(self.z_s) < LARGEST_GIVE * reach
 
     def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
@@ -230,7 +229,7 @@ class LuGre(Dahl):
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.3))
 
     def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
-        """ratio tau_c, and the share that Stribeck's curve leaves of it."""
+        """ratio tau_c, and the share of it that Stribeck's curve leaves."""
         speed = theta_dot / self.v_s
         return self.ratio * self.tau_c, (1.0 + (self.ratio - 1.0) * ops.exp(-speed * speed)) / self.ratio
 

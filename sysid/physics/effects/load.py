@@ -1,5 +1,4 @@
-"""What hangs on the joint or leans on it: torques that depend on the angle or on the load, and added inertia, stiffly
-or through a spring."""
+"""Loads: torques that depend on the angle or on the load, and inertia that is added rigidly or through a spring."""
 
 from __future__ import annotations
 
@@ -14,14 +13,14 @@ from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Extent, parameter
 
 LARGEST_SHARE = 0.95
-"""Share of a load that friction may take of a machine that moves."""
+"""Share of the load, at most, that friction may take if the machine is to move."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoadFriction(DryFriction):
     """Dry friction of a gear or a screw that presses harder under load; at rest it holds up to mu |load|.
 
-    load is the torque of gravity, drive and every effect that is not friction; mu is its share that friction takes.
+    load is the torque of gravity, drive and every effect that is not friction; friction takes the share mu of it.
     """
 
     words = "dry friction that grows with the load"
@@ -44,10 +43,10 @@ class LoadFriction(DryFriction):
 class DirectionalLoadFriction(DryFriction):
     """Dry friction of a gear that loses more of the load when it is back-driven than when it drives.
 
-    Where the drive points against the motion, or is off, the load drives. At rest it holds what would take the drive,
-    or the load, to overcome. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault, Padois, Ly: Extended
-    Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, told apart by direction; their M5
-    weighs motor and external torque instead.)
+    Where the drive points against the motion, or is off, the load drives. At rest mu_drive holds against the way that
+    the drive points, mu_back against the other. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault,
+    Padois, Ly: Extended Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, with a mu for
+    each direction; their M5 weighs motor and external torque instead.)
     """
 
     words = "dry friction that grows with the load, and otherwise when the load drives"
@@ -60,8 +59,8 @@ class DirectionalLoadFriction(DryFriction):
 
     @property
     def plausible(self) -> bool:
-        """Whether what drives the joint can move it, and a gear that loses much when it is back-driven loses some when
-        it drives."""
+        """Whether the drive can move the joint, and loses at least a tenth of what the gear loses when it is
+        back-driven."""
         return 0.1 * float(self.mu_back) < float(self.mu_drive) < LARGEST_SHARE
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
@@ -112,7 +111,7 @@ class CubicSpring(JointEffect):
     """A spring that grows stiffer the further it is bent: rubber, a membrane, a beam between two walls.
 
     With it an axis is Duffing's oscillator (Nayfeh, Mook: Nonlinear Oscillations, ch. 4). k_3 = 0 is Spring. One that
-    grows softer is left out: bent far enough it pushes outwards, and what it holds runs away.
+    softens is left out: bent far enough it pushes outwards, and what it holds runs away.
     """
 
     words = "a spring that grows stiffer"
@@ -175,7 +174,7 @@ class RotorInertia(JointEffect):
 
 
 def _resonances(extent: Extent) -> tuple[float, ...]:
-    """From a few periods a log to where the samples still show one."""
+    """Resonances [Hz] to try: from 1 Hz, or three periods in the log, up to 0.3 of the sample rate."""
     low, high = max(1.0, 3.0 / extent.duration), 0.3 / extent.dt
     count = max(2, 1 + round(2.0 * math.log2(max(high / low, 2.0))))
     return tuple(low * (high / low) ** (k / (count - 1)) for k in range(count))
@@ -185,14 +184,14 @@ def _resonances(extent: Extent) -> tuple[float, ...]:
 class FlexibleTransmission(DynamicEffect):
     """A part J of the load that hangs on a spring behind the sensor.
 
-    It may be a harmonic drive, a belt, a long shaft, a sloshing load. delta [rad] is its angle against the joint,
-    omega = 2 pi f, f [Hz] the resonance while the joint is held. Gravity and friction are taken to act at the joint.
+    Examples are a harmonic drive, a belt, a long shaft, a sloshing load. delta [rad] is the angle of J against the
+    joint, omega = 2 pi f, f [Hz] the resonance with the joint held. Gravity and friction are taken to act at the joint.
     (Spong: ASME Journal of Dynamic Systems, Measurement, and Control 109 (1987) 310, seen from the motor.)
     """
 
     words = "a part of the load behind a spring: a flexible transmission"
     rarity = 2.5
-    # which it is where the spring is stiff, and where what hangs on it is so heavy that it stays
+    # its limits: a stiff spring, and a load so heavy that it stays where it is
     refines = (("rotor_inertia",), ("spring",), ("spring", "torque_bias"))
     formula = "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
     start_sd = (0.05, 1.0)
@@ -201,7 +200,7 @@ class FlexibleTransmission(DynamicEffect):
     zeta: Value = parameter(0.03, unit="1", bounds=(0.0, 0.9), probe=(0.03,))
 
     def follow(self, states: Memory, stretch: Stretch) -> tuple[Value, Value, Memory]:
-        """The exact solution at constant acceleration of the joint."""
+        """The exact solution for a constant acceleration of the joint."""
         (delta, delta_dot), h = states, stretch.h
         omega = 2.0 * math.pi * self.f
         damped = omega * ops.sqrt(1.0 - self.zeta * self.zeta)

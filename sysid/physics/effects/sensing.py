@@ -1,4 +1,4 @@
-"""What the sensors make of the joint's state."""
+"""Effects between the joint's state and the readings."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ class VelocityGain(OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class SensorDelay(DeadTime, OutputEffect):
-    """Sensors that both show what was T ago, at most `longest` [s].
+    """Readings of angle and speed that both come T late, at most `longest` [s].
 
-    Between instants the angle is the cubic that meets angle and speed at both ends (Hermite), and the speed is that
-    cubic's slope; with x the share of an interval, counted backwards from its end, and m = -theta_dot dt:
+    Between instants the angle is the Hermite cubic that meets angle and speed at both ends, and the speed is its slope.
+    With x the share of an interval, counted backwards from its end, and m = -theta_dot dt:
 
         theta(x) = theta_0 + m_0 x + (3 d - 2 m_0 - m_1) x^2 + (m_0 + m_1 - 2 d) x^3,   d = theta_1 - theta_0
 
@@ -77,7 +77,7 @@ class SensorDelay(DeadTime, OutputEffect):
         return tuple(value for c in past for value in (theta - c * dt * theta_dot, theta_dot))
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
-        """The reading of T ago: a sum over the intervals back to it, each of which T covers by a share x."""
+        """The reading T ago: the present one and its change over the share x of each interval that T covers."""
         states, seen, back = (*reading, *memory), reading, self.T / dt
         for c in range(len(memory) // 2):
             x = ops.minimum(back, 1.0) if c == 0 else ops.clip(back - c, 0.0, 1.0)
@@ -86,7 +86,7 @@ class SensorDelay(DeadTime, OutputEffect):
         return seen, states[: len(memory)]
 
     def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
-        """The readings (..., N+1) of a whole record: the one cubic that T reaches back to."""
+        """The readings (..., N+1) of a whole record, each from the one cubic that T reaches back to."""
         c = min(int(self.T / dt), self.intervals(dt) - 1)
         x = self.T / dt - c
         first, speed = reading.theta[..., :1], reading.theta_dot[..., :1]
@@ -100,7 +100,7 @@ class SensorDelay(DeadTime, OutputEffect):
 
 
 def _change(now: Reading, before: Reading, x: Value, dt: float) -> Reading:
-    """How far angle and speed of a share x of an interval dt [s] ago are from those of its end."""
+    """How angle and speed, a share x of an interval dt [s] before its end, differ from those at its end."""
     d, m_0, m_1 = before.theta - now.theta, -dt * now.theta_dot, -dt * before.theta_dot
     square, cube = 3.0 * d - 2.0 * m_0 - m_1, m_0 + m_1 - 2.0 * d
     return Reading(x * (m_0 + x * (square + x * cube)), -x * (2.0 * square + 3.0 * x * cube) / dt)
@@ -114,7 +114,7 @@ class FilteredSpeed(OutputEffect):
 
         w' = theta_dot_1 + (w - theta_dot_0) exp(-dt/T) - (theta_dot_1 - theta_dot_0) (T/dt) (1 - exp(-dt/T))
 
-    A log begins at w = theta_dot. A delay of both readings is late by T at the angle, too.
+    A log begins at w = theta_dot. A sensor delay would make the angle late, too.
     """
 
     words = "a filter of the speed readings"
@@ -167,8 +167,8 @@ class Backlash(OutputEffect):
         return Reading(y, ops.where(touching, reading.theta_dot, 0.0 * reading.theta_dot)), (y,)
 
     def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
-        """The readings (..., N+1) of a whole record: what one instant after the other limits y to, two at a time are
-        again one limit, then four, then eight."""
+        """The readings (..., N+1) of a whole record. Two limits of y in succession are again one limit, so that those
+        of 2, 4, 8, ... instants can be combined."""
         theta, half = reading.theta, 0.5 * self.width
         low, high = theta - half, theta + half
         span = 1
@@ -188,8 +188,8 @@ class Eccentricity(OutputEffect):
     """An encoder whose disc turns about a point beside its centre.
 
     The speed, from the same disc, is that reading's derivative: (1 + a cos(theta) - b sin(theta)) theta_dot.
-    A disc of radius R whose centre is e beside the axis reads wrong by up to e / R. Within less than a turn it looks
-    like an offset and a scale, so that it has to come back over turns to be believed.
+    A disc of radius R whose centre is e beside the axis reads wrong by up to e / R. Within less than a turn that looks
+    like an offset and a scale; it is believed only if it repeats over turns.
     """
 
     words = "an encoder's disc beside its centre"

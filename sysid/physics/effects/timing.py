@@ -1,4 +1,4 @@
-"""What commands and readings that come late have in common: dead times and first-order filters."""
+"""Dead times and first-order filters, for commands and readings that come late."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sysid.physics.parameters import Parameter, doubling, parameter
 
 @dataclass(frozen=True, eq=False)
 class DeadTime(Effect):
-    """Something is T [s] late, at most `longest` [s], which fixes how many intervals are remembered."""
+    """A dead time of T [s], at most `longest` [s], which fixes how many intervals are remembered."""
 
     T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0)
     longest: float = 0.3
@@ -29,7 +29,7 @@ class DeadTime(Effect):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """T, bounded by the length of the memory too."""
+        """T, which is also bounded by the length of the memory."""
         T = super().parameters["T"]
         high = min(T.bounds[1], self.longest)
         return {"T": replace(T, bounds=(T.bounds[0], high), probe=doubling(high))}
@@ -42,13 +42,12 @@ class DeadTime(Effect):
 def delayed(signal: Sequence[Value], memory: Memory, T: Value, dt: float) -> tuple[tuple[Value, ...], Memory]:
     """Substep means of u(t - T), T [s] >= 0, for a command u held over each interval; and the next memory.
 
-    signal holds this interval's command, memory those before, the latest first. The mean over a substep
-    [t_j, t_j + h] is sum_c W_jc(T) u_(k-c), where W_jc is the share of the substep in which the command of c
-    intervals ago acts:
+    signal holds this interval's command, memory those before, the latest first. The mean over a substep [t_j, t_j + h]
+    is sum_c W_jc(T) u_(k-c), where W_jc is the share of the substep in which the command of c intervals ago acts:
 
         W_jc = (clip(t_j + h - T) - clip(t_j - T)) / h,   clipped to [-c dt, (1 - c) dt]
 
-    W is piecewise linear in T, so derivatives exist; a look-up at the stages of a Runge-Kutta step would have none.
+    W is piecewise linear in T, so that derivatives exist; looking u up at the stages of a Runge-Kutta step has none.
     """
     h = dt / len(signal)
     commands = (signal[0], *memory)
@@ -80,7 +79,7 @@ def delayed_record(signal: Array, intervals: int, T: float, dt: float) -> Array:
 
 
 def _earlier(t: float, T: Value, low: float, high: float) -> Value:
-    """clip(t - T, low, high); limits that T >= 0 never reaches are left out, for the sake of the slope at T = 0."""
+    """clip(t - T, low, high) without the limits that T >= 0 never reaches, so that the slope at T = 0 is right."""
     near = 1e-9 * (high - low)
     if t <= low + near:
         return low
