@@ -86,6 +86,11 @@ def count(saved: Any, name: str) -> int:
     return int(value)
 
 
+def told(answer: Any, *names: str) -> dict[str, Any]:
+    """What an answer says under these of its names, as plain data."""
+    return {name: plain(getattr(answer, name)) for name in names}
+
+
 def plain(value: Any) -> Any:
     """A value as JSON holds it: lists for arrays and tuples, objects for dataclasses (those of their `to_dict`, where
     they have one), null for what is not finite."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import plain, told
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, slow
@@ -178,22 +178,15 @@ class ResidualTorque:
 
     def to_dict(self, series: bool = True) -> dict[str, Any]:
         """Plain data, ready for JSON, None in bins without samples; `series`: with d over time."""
-        found = {
-            "present": self.present,
+        others = {
             "unit": self.units["torque"],
-            "rms": self.rms,
-            "share": self.share,
-            "band": self.band,
-            "s": self.s,
-            "T": self.T,
-            "depends_on": self.depends_on,
             "predicts": self.dependence.shares,
             "where": self.dependence.where if self.present else "",
             "touched": self.contacts,
             "over": self.binned,
-            "map": self.map,
         }
-        return dict(plain(found | {"records": self.records} if series else found))
+        names = ("present", "rms", "share", "band", "s", "T", "depends_on", "map", *(("records",) if series else ()))
+        return dict(plain(others)) | told(self, *names)
 
     @property
     def sentence(self) -> str:
