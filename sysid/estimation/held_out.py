@@ -105,8 +105,7 @@ class Refit:
     @property
     def scored(self) -> Array:
         """(K, R): 1 where a reading is scored, else 0."""
-        scored: Array = (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
-        return scored
+        return (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
 
 
 def held_out_error(

@@ -51,5 +51,4 @@ class Coordinates:
         share = expit(s)
         exponential = np.exp(np.where(self._exponential, s, 0.0))
         unit = np.where(self._logistic, share * (1.0 - share), np.where(self._exponential, exponential, 1.0))
-        d: Array = self._factor * unit
-        return d
+        return self._factor * unit

@@ -299,8 +299,7 @@ def _filter() -> type:
 
 def residual(channel: Index, reading: Array, predicted: Array) -> Array:
     """Reading less prediction, angles by the shorter way round."""
-    difference: Array = np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
-    return difference
+    return np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
 
 
 def square_root(P: Array) -> NDArray[np.floating[Any]]:
