@@ -294,14 +294,7 @@ def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
     Several models compare where the `disturbances` are the same: those that the model as it came needs.
     """
     held = replace(QUICK, sizes=False)
-    smoothed = fit_parameters(
-        found.samples,
-        found.model,
-        (),
-        replace(found, names=(), prior=found.prior.of_nothing()),
-        disturbances,
-        held,
-    )
+    smoothed = fit_parameters(found.samples, found.model, (), found, disturbances, held)
     torque = found.inertia * smoothed.motion.d
     averaged = slow(torque, found.samples.number, found.samples.dt)
     return averaged if np.any(np.isfinite(averaged)) else torque
