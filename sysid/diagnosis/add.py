@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
+from sysid.data.splitting import split
 from sysid.diagnosis.findings import fitted_numbers, with_numbers
 from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
@@ -94,9 +96,6 @@ def add(
     InvalidInput
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
-    from sysid.data.noise import sensor_noise
-    from sysid.data.splitting import split
-
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
