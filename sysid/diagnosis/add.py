@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.json_file import told
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
@@ -53,12 +54,8 @@ class Added:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return {
-            "effect": self.effect,
-            "error_before": self.before.to_dict(),
-            "error_after": self.after.to_dict(),
-            "estimate": self.estimate.to_dict(),
-        }
+        errors = {"error_before": self.before.to_dict(), "error_after": self.after.to_dict()}
+        return told(self, "effect", "estimate") | errors
 
     def __str__(self) -> str:
         return f"{self.estimate}\n{self.sentence}"

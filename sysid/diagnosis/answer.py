@@ -17,6 +17,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -265,7 +266,7 @@ class Diagnosis:
             "schema": SCHEMA,
             "plant": type(self.model.plant).__name__,
             "parameters": fitted_numbers(self.estimate),
-            "noise": {"theta": self.sensor.theta, "theta_dot": self.sensor.theta_dot},
+            "noise": told(self.sensor, *CHANNELS),
             "base_error": self.base_error.ratio,
             "error": self.error.ratio,
             "prediction": {"before": self.base_error, "after": self.error},

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import plain, told
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
@@ -133,18 +133,13 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        told = {
+        others = {
             "records": self.names,
-            "noise": {c: getattr(self.sensor, c) for c in CHANNELS},
-            "units": self.units,
+            "noise": told(self.sensor, *CHANNELS),
             "errors": {name.replace(" ", "_"): e for name, e in self.errors.items()},
-            "sentence": self.sentence,
-            "adequate": self.adequate,
-            "causes": self.causes,
             "torque": None if self.torque is None else self.torque.to_dict(series=False),
-            "whiteness": self.whiteness,
         }
-        return dict(plain(told))
+        return dict(plain(others)) | told(self, "units", "sentence", "adequate", "causes", "whiteness")
 
     def __str__(self) -> str:
         shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units
