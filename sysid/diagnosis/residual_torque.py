@@ -19,7 +19,7 @@ from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.kalman import Filter
-from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
+from sysid.estimation.likelihood import SIGMA_99, likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import QUICK, Settings, fit_parameters
@@ -98,7 +98,7 @@ class TorqueMap:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """(I, J): cells in which the torque is beyond 2.6 of its sd."""
-        return np.asarray(np.nan_to_num(np.abs(self.torque)) > 2.5758 * np.nan_to_num(self.sd, nan=np.inf))
+        return np.asarray(np.nan_to_num(np.abs(self.torque)) > SIGMA_99 * np.nan_to_num(self.sd, nan=np.inf))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,9 @@ HOPELESS = 30.0
 NEGLIGIBLE = 0.01
 """Twice the decrease of the deviance that is not worth a step."""
 
+SIGMA_99 = 2.5758
+"""Standard deviations on either side within which 99 % of a Gaussian lie."""
+
 
 def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
     """A filter of larger likelihood about the same motion: one Newton step of (log s, log sigma_o), or of the first
