@@ -20,12 +20,12 @@ from sysid.physics.effects import CATALOGUE, Actuator, effect
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
-from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
+from sysid.physics.plants import GRAVITY, GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
 logger = logging.getLogger(__name__)
 
 PLANTS: dict[str, Plant] = {
-    "rod": RodPendulum(g=9.81),
+    "rod": RodPendulum(g=GRAVITY),
     "point": PointMassPendulum(),
     "joint": GeneralJoint(),
     "axis": LinearAxis(),

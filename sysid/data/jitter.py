@@ -31,8 +31,7 @@ def speed_about(theta: Array, dt: float) -> Array:
     half = max(2, round(0.5 * SPAN / dt))
     at = np.arange(len(theta))
     after, before = np.minimum(at + half, len(theta) - 1), np.maximum(at - half, 0)
-    speed: Array = (theta[after] - theta[before]) / np.maximum((after - before) * dt, 1e-300)
-    return speed
+    return (theta[after] - theta[before]) / np.maximum((after - before) * dt, 1e-300)
 
 
 def stamp_jitter(angles: Sequence[Array], dt: float, floor: float) -> tuple[float, float]:

@@ -86,6 +86,11 @@ def count(saved: Any, name: str) -> int:
     return int(value)
 
 
+def told(answer: Any, *names: str) -> dict[str, Any]:
+    """What an answer says under these of its names, as plain data."""
+    return {name: plain(getattr(answer, name)) for name in names}
+
+
 def plain(value: Any) -> Any:
     """A value as plain JSON data: arrays and tuples as lists, dataclasses as objects (by their `to_dict` if they have
     one), numbers that are not finite as null."""

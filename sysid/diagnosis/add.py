@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.json_file import told
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
+from sysid.data.splitting import split
 from sysid.diagnosis.findings import fitted_numbers, with_numbers
 from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
@@ -51,12 +54,8 @@ class Added:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return {
-            "effect": self.effect,
-            "error_before": self.before.to_dict(),
-            "error_after": self.after.to_dict(),
-            "estimate": self.estimate.to_dict(),
-        }
+        errors = {"error_before": self.before.to_dict(), "error_after": self.after.to_dict()}
+        return told(self, "effect", "estimate") | errors
 
     def __str__(self) -> str:
         return f"{self.estimate}\n{self.sentence}"
@@ -94,9 +93,6 @@ def add(
     InvalidInput
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
-    from sysid.data.noise import sensor_noise
-    from sysid.data.splitting import split
-
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import plain, told
 from sysid.data.record import Record, first_samples
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact
@@ -17,6 +17,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
 
 SCHEMA = "gapfinder/diagnosis/1"
+TOLD = (
+    *("verdict", "sentence", "doubts", "steps", "conventions", "ranking", "remaining", "not_identifiable", "ruled_out"),
+    *("held_out", "torque", "tolerance", "negligible", "unconfirmed", "next_experiment", "seconds"),
+)
+"""What plain data tell of a diagnosis under its own names."""
 MOST_SHOWN = 12_000
 """Samples of a log whose residual torque is looked at once more."""
 NOT_THE_DRIVE = (
@@ -66,15 +72,8 @@ class Step:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        told = {
-            "effect": self.effect,
-            "class": self.alike,
-            "parameters": self.parameters,
-            "error_before": self.error_before,
-            "error_after": self.error_after,
-            "p_value": self.p_value,
-        }
-        return dict(plain(told))
+        names = ("effect", "parameters", "error_before", "error_after", "p_value")
+        return told(self, *names) | {"class": list(self.alike)}
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class MissingTorque:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"drive": self.drive, "before": self.before, "after": self.after, "explained": self.explained}
+        return told(self, "drive", "before", "after", "explained")
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,41 +262,20 @@ class Diagnosis:
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/diagnosis/1": errors are held-out, in units of the sensor noise, and a number
         that is not finite becomes None."""
-        parameters = self.estimate.model.parameters
-        sd = self.estimate.sd
-        told = {
+        others = {
             "schema": SCHEMA,
             "plant": type(self.model.plant).__name__,
-            "parameters": {
-                name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
-                for name, value in self.estimate.values.items()
-            },
-            "noise": {"theta": self.sensor.theta, "theta_dot": self.sensor.theta_dot},
-            "held_out": self.held_out,
+            "parameters": fitted_numbers(self.estimate),
+            "noise": told(self.sensor, *CHANNELS),
             "base_error": self.base_error.ratio,
             "error": self.error.ratio,
             "prediction": {"before": self.base_error, "after": self.error},
-            "torque": self.torque,
-            "tolerance": self.tolerance,
             "converged": self.estimate.success,
             "status": self.estimate.status,
-            "negligible": self.negligible,
-            "unconfirmed": self.unconfirmed,
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "doubts": self.doubts,
-            "steps": self.steps,
-            "conventions": self.conventions,
-            "ranking": self.ranking,
-            "remaining": self.remaining,
-            "not_identifiable": self.not_identifiable,
-            "ruled_out": self.ruled_out,
             "friction_along_the_motion": self.friction,
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
-            "next_experiment": self.next_experiment,
-            "seconds": self.seconds,
         }
-        return dict(plain(told))
+        return dict(plain(others)) | told(self, *TOLD)
 
     @property
     def sentence(self) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_unit
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
@@ -81,7 +82,7 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
     names   parameters that an identifier had fitted
     error   of the model over 1 s on the same records
     """
-    excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[_Chosen]()
+    excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[Cause]()
     told: tuple[Cause, ...] = ()
     if names:
         found = fit_parameters(found.samples, found.model, names, found, settings=QUICK)
@@ -97,17 +98,9 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
         share = (before**2 - after**2) / excess
         if not share > (LEAST_SHARE if chosen else 0.0):
             break
-        chosen.append(_Chosen(effect, alike, min(share, 1.0), found))
-        before = after
-    return (*told, *_told(chosen))
-
-
-@dataclass(frozen=True, eq=False)
-class _Chosen:
-    effect: str
-    alike: tuple[str, ...]
-    share: float
-    fit: Fit
+        chosen.append(Cause(effect, alike, {}, min(share, 1.0), ""))
+        before, end = after, found
+    return (*told, *_sized(chosen, end.estimate())) if chosen else told
 
 
 def _error(found: Fit, error: HeldOutError) -> float:
@@ -144,23 +137,19 @@ def _other_numbers(found: Fit, share: float) -> Cause:
     return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)
 
 
-def _told(chosen: Sequence[_Chosen]) -> tuple[Cause, ...]:
+def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
     """Causes with the sizes that they have beside each other."""
-    if not chosen:
-        return ()
-    estimate = chosen[-1].fit.estimate()
-    plant, told = estimate.model.plant, list[Cause]()
     for own in chosen:
         numbers = fitted_numbers(estimate, own.effect)
-        words = _plant(numbers, plant) if own.effect == PlantNumbers.name else _words(own, numbers)
-        told.append(Cause(own.effect, own.alike, numbers, own.share, words))
-    return tuple(told)
+        is_plant = own.effect == PlantNumbers.name
+        words = _plant(numbers, estimate.model.plant) if is_plant else _words(own, numbers)
+        yield replace(own, numbers=numbers, words=words)
 
 
 # words -----------------------------------------------------------------------------------------------------------
 
 
-def _words(chosen: _Chosen, numbers: Mapping[str, Mapping[str, Any]]) -> str:
+def _words(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
     what = CATALOGUE[chosen.effect].words or chosen.effect.replace("_", " ")
     sizes = {name.rpartition(".")[2]: _size(own["value"], own["unit"]) for name, own in numbers.items()}
     if len(sizes) == 1:

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import plain, told
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
+from sysid.data.splitting import leave_out
 from sysid.diagnosis.causes import LARGE_SHARE, Cause, causes
 from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import Prediction, predicted
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
 from sysid.diagnosis.whiteness import Whiteness, whiteness
 from sysid.errors import InvalidInput
-from sysid.estimation.channels import relied_on
+from sysid.estimation.channels import found_sensor
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import (
     HeldOutError,
@@ -132,18 +133,13 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        told = {
+        others = {
             "records": self.names,
-            "noise": {c: getattr(self.sensor, c) for c in CHANNELS},
-            "units": self.units,
+            "noise": told(self.sensor, *CHANNELS),
             "errors": {name.replace(" ", "_"): e for name, e in self.errors.items()},
-            "sentence": self.sentence,
-            "adequate": self.adequate,
-            "causes": self.causes,
             "torque": None if self.torque is None else self.torque.to_dict(series=False),
-            "whiteness": self.whiteness,
         }
-        return dict(plain(told))
+        return dict(plain(others)) | told(self, "units", "sentence", "adequate", "causes", "whiteness")
 
     def __str__(self) -> str:
         shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units
@@ -203,11 +199,7 @@ def compare(
         sensor, model = sensor or model.sensor, model.model
     notes = notes_of(records)
     records = check_records(model, records)
-    if sensor is None:
-        from sysid.data.noise import sensor_noise
-
-        sensor = relied_on(model, records, sensor_noise(records).sensor)
-    return _compared(model, records, sensor, names, notes)
+    return _compared(model, records, sensor or found_sensor(model, records), names, notes)
 
 
 def _compared(
@@ -246,8 +238,6 @@ def _causes(
     found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
 ) -> tuple[Cause, ...]:
     """What explains the error, outside of what a hand touched."""
-    from sysid.data.splitting import leave_out
-
     if found is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
         return ()
     if torque.contacts:

@@ -69,8 +69,7 @@ def _beside_bounds(found: Fit, own: list[int]) -> Array:
     C, ended = found.covariance, found.at_bounds.intersection(found.model.plant.parameters)
     held = [i for i, name in enumerate(found.names) if name in ended and 0.0 < C[i, i] < math.inf]
     across = C[np.ix_(own, held)]
-    beside: Array = C[np.ix_(own, own)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
-    return beside
+    return C[np.ix_(own, own)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
 
 
 def _sizes(found: Fit, name: str) -> list[int]:

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from sysid.data.logs import notes_of
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
+from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
 from sysid.diagnosis.contacts import Contact, find_contacts
@@ -103,8 +105,6 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.data.splitting import sample_of, split
-
     began = time.perf_counter()
     notes = notes_of(records)
     records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
@@ -114,10 +114,7 @@ def diagnose(
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
     chosen = None if effects is None else _known(effects)
-    if sensor is None:
-        from sysid.data.noise import sensor_noise
-
-        sensor = sensor_noise(records).sensor
+    sensor = sensor or sensor_noise(records).sensor
     fitted, held_out = split(records, hold_out)
     training = sample_of(fitted, settings.samples)
     if training != fitted:
@@ -193,8 +190,6 @@ def _untouched(
 
 def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Record, ...] | None:
     """The records without what was touched; None where nothing was, or too little would be left."""
-    from sysid.data.splitting import leave_out
-
     rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in contacts])
     return rest if contacts and sum(map(len, rest)) >= LEAST_LEFT * sum(map(len, records)) else None
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import told
 from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
@@ -69,8 +69,7 @@ class Ranked:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        named = {"effect": self.effect, "class": self.alike, "score": self.score, "p_value": self.p_value}
-        return dict(plain(named | {"error_after": self.error_after}))
+        return told(self, "effect", "score", "p_value", "error_after") | {"class": list(self.alike)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import plain, told
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, slow
@@ -19,7 +19,7 @@ from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.kalman import Filter
-from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
+from sysid.estimation.likelihood import SIGMA_99, likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import QUICK, Settings, fit_parameters
@@ -98,7 +98,7 @@ class TorqueMap:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """(I, J): cells in which the torque is beyond 2.6 of its sd."""
-        return np.asarray(np.nan_to_num(np.abs(self.torque)) > 2.5758 * np.nan_to_num(self.sd, nan=np.inf))
+        return np.asarray(np.nan_to_num(np.abs(self.torque)) > SIGMA_99 * np.nan_to_num(self.sd, nan=np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,22 +178,15 @@ class ResidualTorque:
 
     def to_dict(self, series: bool = True) -> dict[str, Any]:
         """Plain data, ready for JSON, None in bins without samples; `series`: with d over time."""
-        found = {
-            "present": self.present,
+        others = {
             "unit": self.units["torque"],
-            "rms": self.rms,
-            "share": self.share,
-            "band": self.band,
-            "s": self.s,
-            "T": self.T,
-            "depends_on": self.depends_on,
             "predicts": self.dependence.shares,
             "where": self.dependence.where if self.present else "",
             "touched": self.contacts,
             "over": self.binned,
-            "map": self.map,
         }
-        return dict(plain(found | {"records": self.records} if series else found))
+        names = ("present", "rms", "share", "band", "s", "T", "depends_on", "map", *(("records",) if series else ()))
+        return dict(plain(others)) | told(self, *names)
 
     @property
     def sentence(self) -> str:
@@ -301,14 +294,7 @@ def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
     Several models compare where the `disturbances` are the same: those that the model as it came needs.
     """
     held = replace(QUICK, sizes=False)
-    smoothed = fit_parameters(
-        found.samples,
-        found.model,
-        (),
-        replace(found, names=(), prior=found.prior.of_nothing()),
-        disturbances,
-        held,
-    )
+    smoothed = fit_parameters(found.samples, found.model, (), found, disturbances, held)
     torque = found.inertia * smoothed.motion.d
     averaged = slow(torque, found.samples.number, found.samples.dt)
     return averaged if np.any(np.isfinite(averaged)) else torque

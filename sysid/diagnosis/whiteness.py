@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.likelihood import p_value
+from sysid.estimation.likelihood import SIGMA_99, p_value
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -62,4 +62,4 @@ def _autocorrelation(sequences: list[Array]) -> Whiteness:
             correlation.append(float(np.nanmean(products)) / power)
             pairs.append(count)
     r, n = np.array(correlation), np.array(pairs, dtype=float)
-    return Whiteness(np.array(lags, dtype=float), r, 2.5758 / np.sqrt(n), p_value(float(np.sum(n * r**2)), len(r)))
+    return Whiteness(np.array(lags, dtype=float), r, SIGMA_99 / np.sqrt(n), p_value(float(np.sum(n * r**2)), len(r)))

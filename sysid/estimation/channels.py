@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
@@ -47,6 +48,11 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     return sensor if described else replace(sensor, theta_dot=None)
 
 
+def found_sensor(model: Model, records: Sequence[Record]) -> Sensor:
+    """The noise of the readings that a fit of the model relies on, found from the records."""
+    return relied_on(model, records, sensor_noise(records).sensor)
+
+
 def _angle_sd(records: Sequence[Record], sensor: Sensor) -> float:
     """RMS of what the angle's readings err by, that of their stamps with it."""
     variances = [own.sd**2 for r in records for own in sensor.readings(r) if own.channel == "theta" and r.has_angles]
@@ -84,8 +90,6 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
 
 def _white(records: Sequence[Record]) -> bool:
     """Whether the speed's errors are as large from sample to sample (in their sixth differences) as they are in all."""
-    from sysid.data.noise import sensor_noise
-
     try:
         in_all = sensor_noise([replace(r, theta=None) for r in records]).sensor.theta_dot or math.inf
     except InvalidInput:  # too few readings

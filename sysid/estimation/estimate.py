@@ -9,10 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import told
 from sysid.data.sensor import UNITS, Sensor
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+
+TOLD = (
+    *("method", "values", "units", "sd", "covariance", "noise", "success", "status", "cost", "random_torque"),
+    *("correlation_time", "n_readings", "at_bound", "ambiguous"),
+)
+"""What plain data tell of an estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,7 @@ class Estimate:
         return tuple(found)
 
     @property
-    def _units(self) -> dict[str, str]:
+    def units(self) -> dict[str, str]:
         """The units of the fitted parameters and of the noise, in those of the plant."""
         parameters, unit = self.model.parameters, self.model.plant.unit
         fitted = {name: parameters[name].unit for name in self.names}
@@ -120,27 +126,11 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        told = {
-            "method": self.method,
-            "values": self.values,
-            "units": self._units,
-            "sd": self.sd,
-            "covariance": self.covariance,
-            "noise": self.noise,
-            "success": self.success,
-            "status": self.status,
-            "cost": self.cost,
-            "random_torque": self.random_torque,
-            "correlation_time": self.correlation_time,
-            "n_readings": self.n_readings,
-            "at_bound": self.at_bound,
-            "ambiguous": self.ambiguous,
-        }
-        return dict(plain(told))
+        return told(self, *TOLD)
 
     def __str__(self) -> str:
         parameters = self.model.parameters
-        width, units = max(len(n) for n in self.names), self._units
+        width, units = max(len(n) for n in self.names), self.units
         lines = [f"{self.method}: {self.status}"]
         for name, (low, high) in self.interval().items():
             p = parameters[name]

@@ -62,9 +62,7 @@ def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
     """The fit of the model by itself, begun at the numbers that it has beside friction and offset."""
     plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
     likely = near.disturbances
-    return fit_parameters(
-        near.samples, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s)
-    )
+    return fit_parameters(near.samples, plain, names, near, replace(likely, s=2.0 * likely.s))
 
 
 def with_best_memory(found: Fit) -> Fit:
@@ -94,9 +92,3 @@ def _with_finer_memory(found: Fit) -> Fit:
     if found.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
         return found
     return fit_parameters(found.samples, found.model, found.names, found, likely)
-
-
-def _narrowed(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
-    """A fit that others may begin at, of a model with fewer numbers."""
-    at = [near.names.index(n) for n in names]
-    return replace(near, model=model, names=names, prior=near.prior.at(at))

@@ -61,5 +61,4 @@ def fisher_information(
     x = np.concatenate([states[: len(r) + 1] for states, r in zip(rolled, samples.records, strict=True)])
     along = LinearisedModel(samples, model, Motion(x, np.zeros(len(x)), np.zeros((len(x), 3))))
     Z = along.system.filter(NONE).whiten(*along.changes(names))
-    information: Array = Z.T @ Z
-    return information
+    return Z.T @ Z

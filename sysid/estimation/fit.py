@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.channels import relied_on
+from sysid.estimation.channels import found_sensor
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
@@ -71,10 +71,7 @@ def fit(
         For unusable records and unknown names.
     """
     records = check_records(model, records)
-    if sensor is None:
-        from sysid.data.noise import sensor_noise
-
-        sensor = relied_on(model, records, sensor_noise(records).sensor)
+    sensor = sensor or found_sensor(model, records)
     names = free(model) if parameters is None else tuple(parameters)
     if not names:
         raise InvalidInput("nothing is left to fit: every parameter is fixed")

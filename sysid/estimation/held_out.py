@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.json_file import plain
+from sysid.data.json_file import told
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
@@ -79,8 +79,7 @@ class HeldOutError:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        told = ("window", "theta", "theta_dot", "ratios", "ratio", "n_readings", "n_windows", "worst")
-        return {name: plain(getattr(self, name)) for name in told}
+        return told(self, "window", "theta", "theta_dot", "ratios", "ratio", "n_readings", "n_windows", "worst")
 
     def __str__(self) -> str:
         values = {"theta": self.theta, "theta_dot": self.theta_dot}
@@ -106,8 +105,7 @@ class Refit:
     @property
     def scored(self) -> Array:
         """(K, R): 1 where a reading is scored, else 0."""
-        scored: Array = (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
-        return scored
+        return (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
 
 
 def held_out_error(

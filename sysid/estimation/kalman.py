@@ -210,8 +210,7 @@ class Filter:
     @cached_property
     def innovations(self) -> Array:
         """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
-        innovations: Array = self.own[:, -2:] / np.sqrt(self.variances)
-        return innovations
+        return self.own[:, -2:] / np.sqrt(self.variances)
 
     @cached_property
     def log_variances(self) -> Array:

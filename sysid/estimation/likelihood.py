@@ -19,6 +19,9 @@ HOPELESS = 30.0
 NEGLIGIBLE = 0.01
 """Twice the decrease of the deviance that is not worth a step."""
 
+SIGMA_99 = 2.5758
+"""Standard deviations on either side within which 99 % of a Gaussian lie."""
+
 
 def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
     """A filter of larger likelihood about the same motion: one Newton step of (log s, log sigma_o), or of the first
@@ -30,7 +33,7 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     but half the slope: it may be none. Where nothing is to be gained, or the
     model ran away, the filter is `now`.
     """
-    h, sizes = 0.3, log_sizes(now.disturbances)
+    h, sizes = 0.3, np.log(np.maximum([now.disturbances.s, now.disturbances.sigma_o], 1e-300))  # below any floor at 0
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
     if not free or not math.isfinite(now.deviance):
         return now
@@ -84,8 +87,3 @@ def p_value(decrease: float, numbers: int) -> float:
     tail = math.erfc(math.sqrt(half)) if numbers % 2 else 0.0
     more = (math.exp((0.5 * n - 1.0) * math.log(half) - half - math.lgamma(0.5 * n)) for n in range(numbers, 1, -2))
     return tail + math.fsum(more)
-
-
-def log_sizes(disturbances: Disturbances) -> Array:
-    """(log s, log sigma_o), far below any floor where they are 0."""
-    return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))

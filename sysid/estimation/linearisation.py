@@ -310,8 +310,7 @@ class LinearisedModel:
     def drive_torques(self) -> Array:
         """Torques of the drive (M, S) [N m], behind an actuator whose command is none."""
         theta, theta_dot = self.middle.T[:, :, None]
-        torques: Array = np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
-        return torques
+        return np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
 
     def told(self, model: Model) -> Joint:
         """The joint of a model in the middle of those intervals (K, S) over which it moves and its drive is told a

@@ -103,8 +103,7 @@ class Fit:
             sd_i^2 = (N^-1 sum_b g_b g_b' N^-1)_ii,    N = Z'Z
         """
         covariance = inverse(self.Z.T @ self.Z)
-        widened: Array = covariance * np.outer(self.wider, self.wider)
-        return widened
+        return covariance * np.outer(self.wider, self.wider)
 
     @cached_property
     def wider(self) -> Array:

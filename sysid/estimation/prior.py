@@ -48,15 +48,6 @@ class Prior:
                 mean[i], precision[i] = model.parameters[name].neutral, torque**-2.0
         return cls(mean, precision, positive)
 
-    def at(self, rows: Sequence[int]) -> Prior:
-        """That of some of the parameters."""
-        own = list(rows)
-        return Prior(self.mean[own], self.precision[own], self.positive[own])
-
-    def of_nothing(self) -> Prior:
-        """That of no parameters."""
-        return self.at(())
-
     def deviance(self, values: Array) -> float:
         """-2 log density at values (P,), up to a constant."""
         return float(np.sum(self.rows(values)[1] ** 2))

@@ -11,6 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from sysid.data.files import read_file, save_file
+from sysid.data.json_file import told
 from sysid.diagnosis.findings import spaced_unit
 from sysid.errors import InvalidInput, printable
 from sysid.physics.effects.effect import Effect, OutputEffect
@@ -44,7 +45,7 @@ class Exported:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return {"format": self.format, "text": self.text, "sentences": list(self.sentences)}
+        return told(self, "format", "text", "sentences")
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

@@ -17,10 +17,7 @@ from sysid.physics.effects.friction import Coulomb, Viscous
 from sysid.physics.effects.load import RotorInertia, Spring, Tilt
 from sysid.physics.model import Model
 from sysid.physics.parameters import NEVER
-from sysid.physics.plants import LinearAxis, Plant, PointMassPendulum, RodPendulum
-
-GRAVITY = 9.81
-"""Gravity [m/s^2] of a body of which only the torque of gravity is known."""
+from sysid.physics.plants import GRAVITY, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
 
 @dataclass(frozen=True)

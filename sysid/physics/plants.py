@@ -15,6 +15,9 @@ from sysid.physics import ops
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Parametric, parameter
 
+GRAVITY = 9.81
+"""[m/s^2], of a plant that has no number for it: a GeneralJoint knows the torque of gravity alone."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plant(Parametric):
@@ -101,7 +104,7 @@ class PointMassPendulum(Plant):
 
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e3))
     l: Value = parameter(1.0, unit="m", bounds=(1e-2, 1e2))  # noqa: E741
-    g: Value = parameter(9.81, unit="m/s^2", bounds=(0.0, 30.0), known=True)
+    g: Value = parameter(GRAVITY, unit="m/s^2", bounds=(0.0, 30.0), known=True)
 
     def inertia(self) -> Value:
         """J = m l^2 [kg m^2]."""

@@ -56,8 +56,7 @@ class Normal(NamedTuple):
         size, F = self._scaled()
         g = (self.g / size)[..., None]
         taken = np.swapaxes(g, -1, -2) @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ g
-        left: Array = np.maximum(self.c - taken[..., 0, 0], 0.0)
-        return left
+        return np.maximum(self.c - taken[..., 0, 0], 0.0)
 
     def sd(self) -> Array:
         """Standard deviations (K, P) of the parameters; inf where the log does not determine one."""
@@ -66,8 +65,7 @@ class Normal(NamedTuple):
         lost = value < 1e-9
         variance = np.sum(vector**2 / np.where(lost, np.inf, value)[..., None, :], axis=-1)
         unknown = np.any((np.abs(vector) > 0.01) & lost[..., None, :], axis=-1)
-        sd: Array = np.where(unknown, np.inf, np.sqrt(variance)) / size
-        return sd
+        return np.where(unknown, np.inf, np.sqrt(variance)) / size
 
 
 class Sensitivities:

@@ -12,12 +12,11 @@ from sysid.physics.effects.actuation import TorqueGain
 from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.plants import GRAVITY
 from sysid.planning.excitation import rest_angle
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.rival_effects import inertial
 
-GRAVITY = 9.81
-"""Gravity [m/s^2] for a plant that has no parameter for it."""
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
 _ANSWERS = {

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.data.files import save_csv
-from sysid.data.json_file import plain
+from sysid.data.json_file import told
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
@@ -124,8 +124,7 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
-        shown = {name: plain(getattr(self, name)) for name in SHOWN}
-        return shown | {
+        return told(self, *SHOWN) | {
             "schema": SCHEMA,
             "rollouts": len(self.u),
             "u_peak": float(np.max(np.abs(self.u), initial=0.0)),

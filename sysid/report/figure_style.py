@@ -33,7 +33,6 @@ STYLE: Any = {
 BLUE, ORANGE, GREEN, YELLOW, GREY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "0.55"
 LOOK: Any = {"theta": {"color": BLUE, "marker": "o"}, "theta_dot": {"color": ORANGE, "marker": "s"}}
 SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
-SIGMA_99 = 2.5758
 RASTERIZED_FROM = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
 

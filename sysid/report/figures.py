@@ -21,6 +21,7 @@ from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, quantity
 from sysid.diagnosis.predictions import Prediction
 from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
+from sysid.estimation.likelihood import SIGMA_99
 from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
 
@@ -143,7 +144,7 @@ def draw_over(torque: ResidualTorque, name: str, axes: Axes) -> None:
 def mean(axes: Axes, found: Binned, colour: str) -> None:
     """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
     seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
-    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], style.SIGMA_99 * found.sd[seen]
+    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
     style.banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
 
 
@@ -157,7 +158,7 @@ def over_time(
         t = record.t[:-1] - record.t[0] + begin
         if before is not None:
             axes.plot(t, before.records[k].d, color=style.ORANGE, linewidth=0.9, alpha=0.8)
-        style.banded(axes, t, record.d, style.SIGMA_99 * record.sd, style.BLUE, linewidth=1.0)
+        style.banded(axes, t, record.d, SIGMA_99 * record.sd, style.BLUE, linewidth=1.0)
         shade(axes, contacts, record.name, begin - record.t[0])
         if ends:
             axes.axvline(0.5 * (ends[-1][1] + t[0]), color="0.85", linewidth=0.8)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from sysid.diagnosis.findings import quantity
+from sysid.estimation.likelihood import SIGMA_99
 from sysid.physics.ops import Array
 from sysid.report.typesetting import typeset_multiple
 
@@ -24,7 +25,6 @@ MARKED = 400
 DOTS = 600
 """Samples that are drawn as dots."""
 BLUE, ORANGE, GREEN, GREY, YELLOW = "#3d7eff", "#e8702a", "#1a9b6c", "#8a8f98", "#d99a00"
-SIGMA_99 = 2.5758
 BASE = {
     "template": None,
     "paper_bgcolor": "rgba(0,0,0,0)",

@@ -21,8 +21,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.estimation.identifiers.coordinates import Coordinates
-from sysid.estimation.identifiers.unscented import residual, square_root
+from sysid.estimation.identifiers.unscented import Coordinates, residual, square_root
 from sysid.planning.excitation import multisine
 
 PAPER = averaged_sensor(1.0)

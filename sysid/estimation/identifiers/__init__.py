@@ -1,6 +1,21 @@
 """Identifiers: from records to an Estimate, by one interface."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from sysid.data.record import Record
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.identifiers.grid import GridSearch
-from sysid.estimation.identifiers.identifier import Identifier
 from sysid.estimation.identifiers.least_squares import LeastSquares
 from sysid.estimation.identifiers.unscented import UnscentedKalman
+from sysid.physics.model import Model
+
+
+class Identifier(Protocol):
+    """Fits parameters of a model to records. Settings (which parameters, the sensor) are its fields."""
+
+    def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
+        """The estimate; it says in its status when it should not be trusted."""
+        ...

@@ -11,18 +11,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from sysid.data.record import Record, check_direct, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
-from sysid.estimation.identifiers.coordinates import Coordinates
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.smoothed_start import parameter_starts
 from sysid.physics import ops
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.parameters import Parameter
 
 Index = NDArray[np.intp]
 
@@ -299,8 +300,7 @@ def _filter() -> type:
 
 def residual(channel: Index, reading: Array, predicted: Array) -> Array:
     """Reading less prediction, angles by the shorter way round."""
-    difference: Array = np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
-    return difference
+    return np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
 
 
 def square_root(P: Array) -> NDArray[np.floating[Any]]:
@@ -328,3 +328,46 @@ def _by_instant(sensor: Sensor, record: Record) -> list[tuple[Index, Array, Arra
         (np.array([r[0] for r in f], dtype=np.intp), np.array([r[1] for r in f]), np.array([r[2] for r in f]))
         for f in found
     ]
+
+
+class Coordinates:
+    """p = g(s), one s on the real line for each parameter:
+
+        low + (high - low) / (1 + exp(-s))     between two bounds
+        low + c exp(s),  high - c exp(s)       beside one bound
+        c s                                    without bounds
+
+    with c the parameter's scale. Any s (..., P) gives parameters (..., P) within their bounds.
+    """
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        low, high = np.array([p.bounds for p in parameters], dtype=float).T
+        scale = np.array([p.scale for p in parameters], dtype=float)
+        lower, upper = np.isfinite(low), np.isfinite(high)
+        self._logistic, self._exponential = lower & upper, lower ^ upper
+        self._origin = np.where(lower, low, np.where(upper, high, 0.0))
+        self._factor = np.where(lower & upper, high - low, np.where(upper & ~lower, -scale, scale))
+
+    def __call__(self, s: Array) -> Array:
+        """Parameters (..., P) at s (..., P)."""
+        unit = np.where(self._logistic, expit(s), s)
+        if np.any(self._exponential):
+            unit = np.where(self._exponential, np.exp(np.where(self._exponential, s, 0.0)), unit)
+        p: Array = self._origin + self._factor * unit
+        return p
+
+    def inverse(self, p: Array) -> Array:
+        """s (P,) of parameters (P,); a number at its bound counts as 3 % of the width (or scale) inside."""
+        unit = (p - self._origin) / self._factor
+        bounded = self._logistic | self._exponential
+        unit = np.where(bounded & (unit < 1e-9), 0.03, unit)
+        unit = np.where(self._logistic & (unit > 1.0 - 1e-9), 0.97, unit)
+        s = np.where(self._exponential, np.log(np.where(self._exponential, unit, 1.0)), unit)
+        return np.where(self._logistic, logit(np.where(self._logistic, unit, 0.5)), s)
+
+    def slope(self, s: Array) -> Array:
+        """dp/ds (P,) at s (P,)."""
+        share = expit(s)
+        exponential = np.exp(np.where(self._exponential, s, 0.0))
+        unit = np.where(self._logistic, share * (1.0 - share), np.where(self._exponential, exponential, 1.0))
+        return self._factor * unit
