@@ -1,4 +1,4 @@
-"""Estimate: the answer of every identifier: a fitted model with honest numbers."""
+"""Estimate: the answer of every identifier, a fitted model with its uncertainty."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sysid.physics.ops import Array
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What an identifier found: a fitted model with honest numbers.
+    """A fitted model with its uncertainty, as every identifier returns it.
 
     Attributes
     ----------
@@ -43,8 +43,8 @@ class Estimate:
     sensor : Sensor or None
         The sensor whose noise was assumed, where the identifier keeps it.
     random_torque, correlation_time : float
-        The sd of the random torque beside the model that the log asks for, in the plant's unit, and how long it
-        remembers [s]; 0: none.
+        The sd of the random torque that the log asks for beside the model, in the plant's unit, and its correlation
+        time [s]; 0 where it asks for none.
     """
 
     model: Model
@@ -72,15 +72,15 @@ class Estimate:
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Symmetric intervals that cover the truth with probability `level`, where the model is right."""
+        """Symmetric confidence intervals, which cover the truth with probability `level` if the model is right."""
         z = NormalDist().inv_cdf(0.5 + 0.5 * level)
         return {k: (v - z * self.sd[k], v + z * self.sd[k]) for k, v in self.values.items()}
 
     @property
     def ambiguous(self) -> tuple[str, ...]:
-        """What these records cannot tell: combinations with a sd above half their size."""
+        """What these records leave undetermined, in sentences: combinations whose sd is above half their size."""
         parameters = self.model.parameters
-        # a friction or a delay may well be nothing: its size is then no yardstick
+        # a friction or a delay may well be 0, and then its size cannot serve as the scale
         scale = np.array(
             [max(p.scale, 0.0 if p.neutral is None else 0.01) for p in map(parameters.get, self.names) if p]
         )
@@ -103,7 +103,7 @@ class Estimate:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """The fitted parameters that ended at a bound: nearer than a thousandth of their sd."""
+        """The fitted parameters that ended at a bound: less than a thousandth of their sd from it."""
         parameters, sd, found = self.model.parameters, self.sd, []
         for name, value in self.values.items():
             near = 1e-6 * parameters[name].scale + (1e-3 * sd[name] if math.isfinite(sd[name]) else 0.0)
@@ -113,7 +113,7 @@ class Estimate:
 
     @property
     def _units(self) -> dict[str, str]:
-        """The units of the fitted parameters and of the noise, in those of the plant."""
+        """The units of the fitted parameters and of the noise, for this plant."""
         parameters, unit = self.model.parameters, self.model.plant.unit
         fitted = {name: parameters[name].unit for name in self.names}
         return fitted | {channel: unit(UNITS.get(channel, "")) for channel in self.noise}

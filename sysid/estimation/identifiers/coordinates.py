@@ -1,4 +1,4 @@
-"""Unbounded coordinates of bounded parameters."""
+"""Coordinates: unbounded numbers that stand for bounded parameters."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sysid.physics.parameters import Parameter
 
 
 class Coordinates:
-    """p = g(s), one s on the real line for each parameter:
+    """The map p = g(s) from numbers s on the real line to parameters p within their bounds:
 
         low + (high - low) / (1 + exp(-s))     between two bounds
-        low + c exp(s),  high - c exp(s)       beside one bound
+        low + c exp(s),  high - c exp(s)       with one bound
         c s                                    without bounds
 
-    with c the parameter's scale. Any s (..., P) gives parameters (..., P) within their bounds.
+    c is the parameter's scale. Any s (..., P) gives parameters (..., P) within their bounds.
     """
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
@@ -38,7 +38,7 @@ class Coordinates:
         return p
 
     def inverse(self, p: Array) -> Array:
-        """s (P,) of parameters (P,); a number at its bound counts as 3 % of the width (or scale) inside."""
+        """s (P,) of parameters (P,); a number at its bound is moved inside by 3 % of the width (or scale)."""
         unit = (p - self._origin) / self._factor
         bounded = self._logistic | self._exponential
         unit = np.where(bounded & (unit < 1e-9), 0.03, unit)

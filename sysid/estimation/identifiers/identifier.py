@@ -1,4 +1,4 @@
-"""The one interface of all identifiers."""
+"""Identifier: the interface of all identifiers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from sysid.physics.model import Model
 
 
 class Identifier(Protocol):
-    """Fits parameters of a model to records. Settings (which parameters, the sensor) are its fields."""
+    """An estimator of a model's parameters from records; its settings (which parameters, the sensor) are fields."""
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The estimate; it says in its status when it should not be trusted."""
+        """The estimate, whose status says when it should not be trusted."""
         ...
