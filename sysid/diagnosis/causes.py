@@ -38,7 +38,7 @@ class Cause:
     effect   its name; "plant" if the model's own numbers are off
     alike    other effects that this log cannot tell from it
     numbers  its fitted numbers, {name: {value, sd, unit}}
-    share    of the squared error over 1 s beyond the noise, by which it lowers that error
+    share    of the squared error over 1 s, beyond the noise, that it explains
     words    what it is and its size
     """
 
@@ -138,7 +138,7 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
 
 
 def _other_numbers(found: Fit, share: float) -> Cause:
-    """The cause that the model's own numbers are others in these records."""
+    """The cause "plant": the model's own numbers are others in these records."""
     own = fitted_numbers(found.estimate())
     words = f"the model's own numbers are others here ({numbers_in_words(own)})"
     return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)

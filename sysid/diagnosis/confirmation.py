@@ -31,7 +31,7 @@ from sysid.physics.ops import Array
 LARGEST_NOISE = 10.0
 """Errors of so many times the noise cannot mean that the noise was given too small: something remains."""
 TELLING = 0.5
-"""Share of the held-out error beyond the noise by which an addition that leaves more torque missing has to lower it."""
+"""An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -148,8 +148,8 @@ class Confirmation:
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
-        Needless is an addition that raises the held-out error, that beside others does not lower it by what matters,
-        whose size is compatible with 0 or not determined by the readings, or whose numbers no machine has.
+        An addition is needless if it raises the held-out error, or beside others does not lower it by what matters; if
+        its size is compatible with 0 or not determined by the readings; or if no machine has its numbers.
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
@@ -199,7 +199,7 @@ class Confirmation:
         return None
 
     def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
-        """Whether an addition is a part of something unknown; `without` it, that torque [N m] is missing."""
+        """Whether an addition is a part of something unknown; `without` [N m] is the missing torque without it."""
         imitates = CATALOGUE[addition.name].imitates
         if not imitates:
             return False

@@ -16,7 +16,7 @@ from sysid.estimation.torque_regression import slow_speed
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
-"""A torque is extreme if it is unexpected by so many times the median: four sd of a Gaussian."""
+"""An extreme torque differs from the expected one by so many times the median difference: four sd of a Gaussian."""
 SHORTEST_CONTACT = 0.2
 """A torque that acts for less than this time [s] is a vibration and no hand."""
 LEAST_ENERGY, MOST_TIME = 0.6, 0.15
@@ -34,7 +34,7 @@ LEAST_STEP, STEP_TIME = 0.1, 0.1
 SOON = 0.25
 """Time [s] within which the effect of a command's step begins to show, in a torque that is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
-"""Probability of coming with steps of the command by chance, below which contacts are the drive's doing."""
+"""Probability that by chance so many contacts begin with steps of the command, below which the drive is the cause."""
 SHORTEST_LOG = 8.0
 """Length [s] of a log from which it shows what is rare."""
 _NEIGHBOURS = 25

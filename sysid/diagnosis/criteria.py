@@ -22,8 +22,8 @@ def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
 
 
 def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
-    """Whether the log determines all numbers of a fit, or did not do so in the fit `before` either. Numbers of the
-    effects `others` do not count, since these may be pruned in its favour."""
+    """Whether the log determines all numbers of a fit; also True if it did not determine those of the fit `before`.
+    Numbers of the effects `others` do not count, since these may be pruned later."""
     own = [i for i, name in enumerate(found.names) if found.model.parameters[name].owner not in others]
     Z = found.Z[:, own]
     return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
@@ -100,7 +100,7 @@ def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
     """Whether predictions of the two models differ by so much that it matters.
 
     The RMS difference has to exceed `noise_share` of the sensor noise, and sqrt(1 - (1 - tolerance)^2) of the error
-    beyond the noise: what is needed to lower the error by the share `tolerance`.
+    beyond the noise: the difference that lowers the error by the share `tolerance`.
     """
     size, error = moved(before, after.model, after, settings.ahead)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))

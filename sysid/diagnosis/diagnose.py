@@ -265,7 +265,7 @@ class _Report:
             return None
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
-        """The additions as steps, in the order of the search; those that pay only together share one fall of it."""
+        """The additions as steps, in their order; effects that pay only together share one fall of the error."""
         estimate, additions = end.estimate(), self.confirmed.additions
         errors = [self.confirmed.fit_with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0

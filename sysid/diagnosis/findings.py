@@ -29,7 +29,7 @@ def spaced_unit(name: str) -> str:
 
 
 def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, dict[str, Any]]:
-    """The fitted numbers {name: {value, sd, unit}}, all or an effect's; of its numbers also ratios that are known."""
+    """The fitted numbers {name: {value, sd, unit}}: all, or those of an effect and such ratios of them as are known."""
     parameters, sd = estimate.model.parameters, estimate.sd
     numbers = {
         name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}

@@ -172,7 +172,7 @@ class Search:
         return sorted(better, key=lambda t: t.merit, reverse=True)
 
     def _common(self, now: Fit, helped: Fit) -> list[Trial]:
-        """Trials with friction and offset as the first fit found them: if they rule, nothing shows without them."""
+        """Trials with the first fit's friction and offset: where these dominate, nothing else shows without them."""
         names = tuple(e.name for e in helped.model.effects if e.name not in {own.name for own in now.model.effects})
         if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
             return []

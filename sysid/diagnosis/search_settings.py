@@ -15,7 +15,7 @@ SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
 class SearchSettings:
     """What counts as evidence, and what counts as large enough to matter.
 
-    Two effects are the more alike, the nearer the cosine between their sensitivities is to 1 (`alikeness`).
+    The alikeness of two effects is the cosine between their sensitivities (`alikeness`): 1 if a log shows both alike.
 
     price          decrease of the deviance (-2 log likelihood) that an effect has to bring for each of its numbers:
                    noise alone brings more than 3 in 1 of 12 logs

@@ -22,29 +22,29 @@ class Estimate:
     Attributes
     ----------
     model : Model
-        The same model holding the fitted numbers.
+        The model with the fitted numbers.
     names : tuple of str
-        The P fitted parameters.
+        The names of the P fitted parameters.
     covariance : array (P, P)
-        Of the fitted parameters, in their units.
+        The covariance of the fitted parameters, in their units.
     noise : dict
-        The sd of the readings about the fit (of the unscented filter: about its predictions), by channel, in the
-        plant's units.
+        The sd of the readings about the fit, by channel, in the plant's units; for the unscented filter it is that
+        about its predictions.
     success : bool
         Whether the numbers can be used.
     status : str
-        A sentence: how the fit ended and, where it ended badly, what to try.
+        A sentence on how the fit ended and, if it ended badly, what to try.
     cost : float
-        The sum of squares that was minimised, in units of the sensor's variance; nan where there is none.
+        The sum of squares that was minimised, in units of the sensor's variance; nan if there is none.
     n_readings : int
-        The readings that were used.
+        The number of readings that were used.
     method : str
         The identifier's name.
     sensor : Sensor or None
-        The sensor whose noise was assumed, where the identifier keeps it.
+        The sensor whose noise was assumed, if the identifier keeps it.
     random_torque, correlation_time : float
         The sd of the random torque that the log asks for beside the model, in the plant's unit, and its correlation
-        time [s]; 0 where it asks for none.
+        time [s]; 0 if it asks for none.
     """
 
     model: Model

@@ -41,7 +41,7 @@ def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
 def fit(
     model: Model, records: Sequence[Record], sensor: Sensor | None = None, parameters: Sequence[str] | None = None
 ) -> Estimate:
-    """Fit a model to records by the prediction-error method, beside a random torque where the log asks for one.
+    """Fit a model to records by the prediction-error method, beside a random torque if the log asks for one.
 
         min_p  sum_k log det S_k + |e_k|^2,    e_k innovations whitened by their predicted covariance S_k
 
@@ -51,14 +51,14 @@ def fit(
     Parameters
     ----------
     model : Model
-        Where the fit begins; its numbers may be off by any factor.
+        The model at whose numbers the fit begins; they may be off by any factor.
     records : sequence of Record
         At least one rollout.
     sensor : Sensor, optional
         Noise of the readings. By default it is found from the records without any model, and the speed is left out
         where it tells little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
     parameters : sequence of str, optional
-        The names that are free; by default all but gravity.
+        The names of the free parameters; by default all but gravity.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from sysid.estimation.kalman import Filter, LinearSystem
 from sysid.physics.ops import Array
 
 IDLE = 5.0
-"""Where s = 0 would lower the deviance by less than this, s = 0 is tried at once: it need not shrink step by step."""
+"""If s = 0 would lower the deviance by less than this, it is tried at once, and s need not shrink step by step."""
 HOPELESS = 30.0
 """Disturbances whose deviance is this much above the best are given up: no further move makes up for that."""
 NEGLIGIBLE = 0.01

@@ -1,4 +1,4 @@
-"""Linearisation: a log's samples in one row of instants, and a model linearised along a motion through them."""
+"""Linearisation: all samples of a log, record after record, and a model linearised along a motion through them."""
 
 from __future__ import annotations
 

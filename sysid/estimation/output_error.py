@@ -42,8 +42,8 @@ ALL = slice(None)
 class Linearisation:
     """Residuals and derivatives of a model from window starts (K, 2), with R = 2 (L + 1) readings a window.
 
-    e (K, R)          readings less model, whitened; 0 where nothing was read
-    S_x (K, R, 2)     derivative of the model's whitened readings with respect to the window's start
+    e (K, R)            readings less model, whitened; 0 where nothing was read
+    S_x (K, R, 2)       derivative of the model's whitened readings with respect to the window's start
     states (K, L+1, 2)  the model's trajectory
     """
 

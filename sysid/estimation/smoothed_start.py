@@ -17,7 +17,7 @@ from sysid.physics.parameters import Parameter
 
 JERK, QUICKER, LARGEST_MISFIT = 60.0, (1.0, 1e2, 1e4, 1e6, 1e8), 5.0
 """Density of the white jerk [rad/s^3 s^1/2 per rad of reach] of a machine that swings in some tenths of a second;
-factors for quicker machines; and the allowed RMS of readings less motion, in units of the noise (a hand makes it 4)."""
+factors for quicker ones; and the allowed RMS of readings less motion, in units of the noise (a hand's push makes 4)."""
 
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
@@ -51,7 +51,8 @@ def _spread(p: Parameter, unit: float) -> float:
 def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
     """States (N+1, 2) of the smoothest motion that follows a record's readings, without any model of the machine.
 
-    The smallest jerk that follows them to a few times their noise is taken; only a fast machine needs another.
+    The first of several densities of the jerk is taken with which the motion follows the readings to a few times their
+    noise; only a fast machine needs another than the first.
     """
     for quicker in QUICKER:
         states = _smoothest(record, sensor, reach, JERK * quicker)

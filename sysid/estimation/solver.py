@@ -65,7 +65,7 @@ ASTRAY = 0.1
 CALM = 8
 """A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
 STILL = 4
-"""A fit has ended after so many settled steps in a row, although the deviance may change still where a joint sticks."""
+"""A fit has ended after so many settled steps in a row, although the deviance may still change where a joint sticks."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """Settings for a candidate that is only compared with others."""
 
@@ -141,8 +141,8 @@ class _Progress:
     calm: int = 0
 
     def ended(self, k: int, moved: float, deviance: float, restless: bool) -> bool:
-        """Whether the fit ends before step k, of length `moved`, from a point of that deviance; `restless` says whether
-        the sizes of the disturbances change still."""
+        """Whether the fit ends before step k, of length `moved`, at a point with this deviance; `restless` says whether
+        the sizes of the disturbances still change."""
         settings = self.settings
         self.still = self.still + 1 if moved < settings.settled and not restless else 0
         if self.still >= STILL or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):

@@ -33,7 +33,7 @@ class Window:
 def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) -> tuple[Window, ...]:
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
 
-    Where a record begins in the middle of a rollout, its own first `lead` [s] are not scored either, or its first
+    Where a record begins in the middle of a rollout, its own first `lead` [s] are not scored either, and at least
     UNKNOWN [s] if the commands before it are not known: meanwhile memories fill.
 
     The windows of a record are equally long to one interval. None is shorter than two thirds of `length`, unless its

@@ -23,7 +23,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 BEGUN = 0.03
-"""The random acceleration beside which a fit begins, as a share of the motion's: rollouts need not be whole yet."""
+"""The random acceleration beside which a fit begins, as a share of the motion's: rollouts may leave the model then."""
 
 HELD = Settings(iterations=10, sizes=False, vague=math.inf)
 """Settings of the first fit: disturbances of a given size, and no prior for the plant's numbers."""

@@ -42,7 +42,8 @@ class UnscentedKalman:
     says about s is a Gaussian factor: the filter's answer less its prior, in information form. The next sweep filters
     the rollout again, from a prior about all that is known by then, and replaces its factor. The answer is the product
     of the factors and the prior, so that no reading counts twice. The first sweeps take the readings to be `gentle`
-    times noisier, lest the filter lock at wrong numbers. If it does, or does not settle, other starts are tried.
+    times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does not
+    settle, other starts are tried.
 
     Drives of input effects are evaluated at the sigma points; their memories are carried over by regression on s.
     A filter judges each reading by the motion as it is known then, not by the smoothed one. Where only speeds are read,
