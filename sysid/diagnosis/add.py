@@ -1,4 +1,4 @@
-"""add: one named effect joins a model, and the error before and after says what it is worth."""
+"""add: one named effect is added to a model, with the held-out error before and after."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from sysid.physics.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Added:
-    """An effect that joined a model.
+    """An effect that was added to a model.
 
     Attributes
     ----------
     effect : str
         Its name.
     base, estimate : Estimate
-        The fit without and with it.
+        The fits without and with it.
     before, after : HeldOutError
-        Their errors on what no fit has seen.
+        The errors of these fits on data that they have not seen.
     """
 
     effect: str
@@ -47,7 +47,7 @@ class Added:
 
     @property
     def sentence(self) -> str:
-        """What it is worth."""
+        """How much the effect changes the held-out error."""
         effect = with_numbers(self.effect, fitted_numbers(self.estimate, self.effect))
         fell = f"goes from {self.before.ratio:.3g} to {self.after.ratio:.3g} times the sensor noise"
         return f"{effect}: the error on held-out data {fell}"
@@ -68,12 +68,12 @@ def add(
     sensor: Sensor | None = None,
     hold_out: float | None = None,
 ) -> Added:
-    """Refit a model without and with one more effect, begun at the size that its score promises.
+    """Refit a model without and with one more effect, which begins at the size that its score predicts.
 
     Parameters
     ----------
     model : Model or Estimate
-        The model as it is. Of an estimate the free parameters are refitted; the others keep their numbers.
+        The model as it is. If it is an estimate, its free parameters are refitted and the others keep their numbers.
     name : str
         The effect's name in the catalogue.
     records : sequence of Record
@@ -81,7 +81,7 @@ def add(
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records without any model.
     hold_out : float, optional
-        As in `diagnose`: that part of the records is not fitted to; the errors are those on it.
+        As in `diagnose`, the share or count of the records that no fit sees; the errors are those on them.
 
     Returns
     -------

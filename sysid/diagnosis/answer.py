@@ -1,4 +1,4 @@
-"""Diagnosis: the answer to "which effect is missing?", with its evidence, as data and in words."""
+"""Diagnosis: the answer to "which effect is missing?" with its evidence, as data and in words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TOLD = (
 )
 """What plain data tell of a diagnosis under its own names."""
 MOST_SHOWN = 12_000
-"""Samples of a log whose residual torque is looked at once more."""
+"""Most samples of a log for which the residual torque is found once more, to show it."""
 NOT_THE_DRIVE = (
     "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
     "part of the log in which nothing touched it"
@@ -48,11 +48,11 @@ class Step:
     """An effect that was added.
 
     alike          effects that this log cannot tell from it, itself first
-    rivals         those of them that are something else to other logs
-    parameters     its numbers {name: {value, sd, unit}} at the end of the loop
-    error_before   held-out error of predictions before and after, in units of the sensor noise; effects that pay only
-                   together share one step of the error
-    p_value        of the likelihood ratio when it was added, without what its rarity costs
+    rivals         those of them that other logs could tell from it
+    parameters     its numbers {name: {value, sd, unit}} in the final fit
+    error_before   held-out error of predictions before the step (error_after: after it), in units of the sensor noise;
+                   effects that pay only together share one fall of the error
+    p_value        of the likelihood ratio when it was added, without regard to its rarity
     """
 
     effect: str
@@ -66,7 +66,7 @@ class Step:
 
     @property
     def decrease(self) -> float:
-        """Of the squared held-out error, in units of the sensor's variance."""
+        """The decrease of the squared held-out error, in units of the sensor's variance."""
         decrease = self.error_before**2 - self.error_after**2
         return max(decrease, 0.0) if math.isfinite(decrease) else 1.0
 
@@ -80,9 +80,9 @@ class Step:
 class Remaining:
     """What no step explains.
 
-    share       of the squared held-out error
-    torque      RMS of the random torque that is left [N m]
-    depends_on  some of "theta", "theta_dot", "torque", "time", "history"; where: over which stretch of these
+    share       its share of the squared held-out error
+    torque      RMS of the random torque that is still needed [N m]
+    depends_on  some of "theta", "theta_dot", "torque", "time", "history"; where: over which stretch of these it acts
     unseen      whether it shows in held-out data alone
     """
 
@@ -95,10 +95,10 @@ class Remaining:
 
 @dataclass(frozen=True)
 class MissingTorque:
-    """How large what a model lacks is: RMS of the torque [N m] that has to act beside it for the log to come about.
+    """The size of what a model lacks: RMS of the torque [N m] that has to act beside it to produce the log.
 
-    What is faster than 0.4 s is averaged out: it hardly moves a prediction. drive: RMS of the drive torque; before and
-    after the steps: of the missing torque, smoothed under the same prior.
+    `drive` is that of the drive torque. Torques `before` and `after` the steps are smoothed under the same prior; what
+    is faster than 0.4 s is averaged out, since it hardly moves a prediction.
     """
 
     drive: float
@@ -107,12 +107,12 @@ class MissingTorque:
 
     @property
     def explained(self) -> float:
-        """1 - after^2 / before^2: the share that the steps explain, 0 where nothing was missing."""
+        """1 - after^2 / before^2, the share of the missing torque that the steps explain; 0 if none was missing."""
         return max(0.0, 1.0 - (self.after / self.before) ** 2) if self.before > 0.0 else 0.0
 
     @property
     def overwhelms(self) -> bool:
-        """Whether what remains is larger than all that the drive does."""
+        """Whether what remains is larger than the drive's torque."""
         return 0.0 < self.drive < self.after
 
     def to_dict(self) -> dict[str, Any]:
@@ -127,49 +127,51 @@ class Diagnosis:
     Attributes
     ----------
     verdict : str
-        "adequate": nothing that matters was missing; "missing": the steps explain all that matters; "partly": the steps
-        are sure and pay, and something that matters remains, or no step does and `friction` explains what the drive
-        does; "unknown": something matters and nothing known pays; "cannot tell": of what lowers the error most this log
-        cannot say which effect it is.
+        - "adequate": nothing that matters was missing.
+        - "missing": the steps explain all that matters.
+        - "partly": the steps are sure, but something that matters remains; or no effect pays, but `friction` explains
+          the drive's torque.
+        - "unknown": something that matters is missing, and no known effect pays.
+        - "cannot tell": this log cannot say which effect it is that lowers the error most.
     base : Estimate
         The model as it came, refitted.
     base_error, error : HeldOutError
-        Of the model as it came and of the mended one, over the horizon, of what no fit has seen.
+        Errors of the model as it came and of the mended one, over the horizon, on data that no fit has seen.
     steps, conventions : tuple of Step
-        Effects that were added, in order; those of the log itself (torque stamps) are conventions.
+        Effects that were added, in order; those that belong to the log itself (torque stamps) are conventions.
     ranking : tuple of Ranked
         The candidates of the first round, best first.
     remaining : Remaining or None
-        What is left, where something is.
+        What the steps do not explain, if anything matters in it.
     not_identifiable : tuple of tuple of str
         Groups of parameters and effects that this motion cannot separate.
     ruled_out : dict
         {effect: size}: an effect above that size would have been found.
     sensor : Sensor
-        The noise that errors are multiples of.
+        The noise in whose units errors are given.
     records, unseen : tuple of Record
-        The log, all of it, and the part that no fit has seen.
+        The whole log, and the part that no fit has seen.
     estimate : Estimate
         The mended model's fit.
     contacts : tuple of Contact
         Stretches of the log that no state of the joint explains, such as a hand's push.
     next_experiment : Experiment or None
-        What to play next, where effects do not separate.
+        The experiment to play next, if this log cannot tell effects apart.
     seconds : float
-        How long it took.
+        How long the diagnosis took.
     torque : MissingTorque
-        How large the missing torque was, and how large what remains is.
+        The size of the missing torque before and after the steps.
     negligible : tuple of str
-        Effects with which the log is likelier, and predictions are not better by what matters.
+        Effects with which the log is likelier, but predictions are not better by what matters.
     unconfirmed : tuple of str
         Effects that the fitted part of the log asked for and that are not believed: the held-out part does not confirm
         them, or they are a part of something unknown over the same quantity.
     tolerance : float
-        The share by which an effect has to lower the error of predictions, to matter.
+        An effect matters if it lowers the error of predictions by this share.
     notes : tuple of str
-        What was noted when the log was read.
+        Notes that were made when the log was read.
     friction : FrictionAlong or None
-        What the drive's torque is made of along the motion, where no model explains how the motion comes of it.
+        Friction and load in the drive's torque, if no model explains how the motion follows from the torque.
     """
 
     verdict: str
@@ -198,7 +200,7 @@ class Diagnosis:
 
     @property
     def held_out(self) -> tuple[str, ...]:
-        """The names of the rollouts, or parts of them, that no fit has seen."""
+        """The names of the rollouts, or of parts of them, that no fit has seen."""
         return tuple(r.name for r in self.unseen)
 
     @property
@@ -208,7 +210,7 @@ class Diagnosis:
 
     @property
     def models(self) -> tuple[Model, ...]:
-        """The model as it came, refitted, and where it was mended, the mended one."""
+        """The model as it came, refitted, and the mended one if anything was added."""
         return (self.base.model, self.model) if self.mended else (self.model,)
 
     @cached_property
@@ -222,8 +224,8 @@ class Diagnosis:
     def residual_torques(self) -> tuple[ResidualTorque, ...]:
         """The torque that must act beyond each of the models, over the first MOST_SHOWN samples of the log.
 
-        Where the joint vibrates, the noise is taken as the scatter of the readings about the fit: it would drown all
-        else.
+        If the joint vibrates, the scatter of the readings about the fit counts as the noise; otherwise the vibration
+        would drown all else.
         """
         if not self.vibrates:
             before = (residual_torque(m, self._shown, self.sensor) for m in self.models[:-1])
@@ -232,7 +234,7 @@ class Diagnosis:
 
     @property
     def vibrates(self) -> bool:
-        """Whether the readings shake as no rigid joint does."""
+        """Whether the readings hold a vibration that no rigid joint has."""
         return self._beyond_the_model.restless
 
     @cached_property
@@ -245,13 +247,12 @@ class Diagnosis:
 
     @cached_property
     def predictions(self) -> tuple[Prediction, ...]:
-        """A typical stretch of the data that no fit has seen, predicted by each of the models: from its first state,
-        or where the model still lacks something, 2 s at a time."""
+        """A typical stretch of the data that no fit has seen, predicted by each of the models (`ahead` at a time)."""
         return typical(self.models, self.unseen, self.sensor, self.ahead)
 
     @property
     def ahead(self) -> float:
-        """How far ahead [s] `predictions` look."""
+        """The horizon [s] of `predictions`: 2 s if the model still lacks something, else the whole stretch."""
         return math.inf if self.remaining is None else 2.0
 
     @property
@@ -260,8 +261,8 @@ class Diagnosis:
         return self.estimate.model
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data of schema "gapfinder/diagnosis/1": errors are held-out, in units of the sensor noise, and a number
-        that is not finite becomes None."""
+        """Plain data of schema "gapfinder/diagnosis/1"; errors are held-out, in units of the sensor noise; None stands
+        for a number that is not finite."""
         others = {
             "schema": SCHEMA,
             "plant": type(self.model.plant).__name__,
@@ -279,7 +280,7 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """The verdict and what it rests on."""
+        """The verdict and the finding, in one sentence."""
         return f"{self.verdict}: {self.finding}"
 
     @property
@@ -317,7 +318,7 @@ class Diagnosis:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was found and is not believed or does not matter, and what no fit has used."""
+        """Sentences on effects that do not matter or are not believed, and on data that no fit has used."""
         remarks = []
         if self.negligible:
             likelier = ", ".join(self.negligible)
@@ -330,14 +331,14 @@ class Diagnosis:
         return tuple(remarks)
 
     def _share(self) -> str:
-        """The share of the missing torque that the steps explain, with its size; empty where that is none."""
+        """The share of the missing torque that the steps explain, with its size, in words; empty if it is 0."""
         torque, unit = self.torque, self.model.plant.unit("N m")
         if not self.steps or not torque.explained > 0.0:
             return ""
         return f"{torque.explained:.0%} of the missing torque (rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
 
     def _predicted(self) -> str:
-        """What predictions over the horizon are off by, on data that no fit has seen."""
+        """The error of predictions over the horizon, on data that no fit has seen, in words."""
         before, after = self.base_error, self.error
         channel = "theta" if after.theta is not None else "theta_dot"
         size, came = getattr(after, channel), getattr(before, channel)
@@ -349,7 +350,7 @@ class Diagnosis:
         )
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
-        """Which friction and load the torque shows along the motion: of these what is sure."""
+        """Friction and load in the torque along the motion, in words; only what is three standard errors from 0."""
         plant = self.model.plant
         torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
         (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0

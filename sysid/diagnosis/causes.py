@@ -1,4 +1,4 @@
-"""Causes: which known effects explain what a model leaves of a log."""
+"""Causes: which known effects explain a model's errors on a log."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from sysid.physics.parameters import parameter
 from sysid.physics.plants import Plant
 
 PRICE = 9.0
-"""Decrease of the deviance that each number of a cause has to bring: noise does so in 3 of 1000 logs."""
+"""Decrease of the deviance that each number of a cause has to bring; noise alone brings it in 3 of 1000 logs."""
 LEAST_SHARE = 0.05
-"""Share of the squared error beyond the noise that a second cause must explain."""
+"""Least share of the squared error beyond the noise that a cause after the first has to explain."""
 LARGE_SHARE = 0.3
-"""Share from which it is said what else explains it, or that nothing known does."""
+"""Share of that error from which other numbers of the model are named as a cause, or a rest as unexplained."""
 MOST_CAUSES = 3
-"""Causes at a time."""
+"""Most causes of one answer."""
 FITTED_EACH_ROUND = 4
-"""Effects that are fitted, in each round."""
+"""Number of effects that are fitted in each round."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A known effect that explains what the model leaves, fitted beside the other causes.
+    """A known effect that explains a part of the model's error, fitted beside the other causes.
 
-    effect   its name; "plant" where the model's own numbers are off
+    effect   its name; "plant" if the model's own numbers are off
     alike    other effects that this log cannot tell from it
-    numbers  about how large it is, {name: {value, sd, unit}}
-    share    of the squared error over 1 s beyond the noise that goes with it
+    numbers  its fitted numbers, {name: {value, sd, unit}}
+    share    of the squared error over 1 s, beyond the noise, that it explains
     words    what it is and its size
     """
 
@@ -52,9 +52,9 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class PlantNumbers(JointEffect):
-    """Inertia and gravity torque of the plant that are larger than the model's, by shares of J [kg m^2] and of gravity.
+    """The plant's inertia and gravity torque exceed the model's, by shares of J [kg m^2] and of the gravity torque.
 
-    J theta_ddot = ... - inertia J theta_ddot + gravity gravity_torque(theta)
+    J theta_ddot = ... - share_of_inertia J theta_ddot + share_of_gravity gravity_torque(theta)
     """
 
     name = "plant"
@@ -64,22 +64,22 @@ class PlantNumbers(JointEffect):
     J: float = 1.0
 
     def inertia(self) -> Value:
-        """Its share of J [kg m^2]."""
+        """The additional inertia [kg m^2]."""
         return self.share_of_inertia * self.J
 
     def torque(self, joint: Joint) -> Value:
-        """Its share of the gravity torque [N m]."""
+        """The additional gravity torque [N m]."""
         return self.share_of_gravity * joint.gravity
 
 
 def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause, ...]:
-    """The effects that explain most, one after the other, the strongest first.
+    """The effects that explain most of a model's error, chosen one after the other, the strongest first.
 
-    Each is fitted beside the causes before it, and beside the parameters that an identifier had fitted: these are bent
-    where an effect is missing, and what they absorb is no evidence.
+    Each is fitted beside the causes before it, and beside the parameters that an identifier had fitted: a missing
+    effect bends these, and what they can absorb is no evidence for an effect.
 
-    found   a fit of the model with its numbers as they are
-    names   parameters that an identifier had fitted
+    found   a fit of the random torque alone, with the model's numbers as they are
+    names   the parameters that an identifier had fitted
     error   of the model over 1 s on the same records
     """
     excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[Cause]()
@@ -108,7 +108,7 @@ def _error(found: Fit, error: HeldOutError) -> float:
 
 
 def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
-    """The effect that pays most, those that the log cannot tell from it, and the fit with it."""
+    """The effect that pays most, those that the log cannot tell from it, and the fit with it; None if none pays."""
     tested = scores(found)
     promise = {n: s.lm - price(n, PRICE, s.shapes) for n, s in tested.items() if s.visible}
     likely = sorted((n for n, own in promise.items() if own > 0.0), key=lambda n: -promise[n])[:FITTED_EACH_ROUND]
@@ -131,14 +131,14 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
 
 
 def _other_numbers(found: Fit, share: float) -> Cause:
-    """That the model's own numbers are others in these records."""
+    """The cause "plant": the model's own numbers are others in these records."""
     own = fitted_numbers(found.estimate())
     words = f"the model's own numbers are others here ({numbers_in_words(own)})"
     return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)
 
 
 def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
-    """Causes with the sizes that they have beside each other."""
+    """The chosen causes, with the sizes that they have in the last fit, beside each other."""
     for own in chosen:
         numbers = fitted_numbers(estimate, own.effect)
         is_plant = own.effect == PlantNumbers.name
@@ -161,7 +161,7 @@ def _words(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _size(value: float, unit: str) -> str:
-    """A number to two digits, short times in milliseconds."""
+    """A number to two digits with its unit, times below a second in milliseconds."""
     if unit == "s" and abs(value) < 1.0:
         return f"{1e3 * value:.2g} ms"
     return f"{value:.2g}{spaced_unit(unit)}"

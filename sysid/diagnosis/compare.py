@@ -1,4 +1,4 @@
-"""compare: how far a model is off on records that it never saw, and where."""
+"""compare: how far off a model is on records that it never saw, and where."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from sysid.physics.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A model against records. Errors are those of windows whose state is refitted, leverage out (see HeldOutError).
+    """A model compared to records. Errors are those of windows whose initial state is refitted (see HeldOutError).
 
     Attributes
     ----------
@@ -46,21 +46,21 @@ class Comparison:
         The error over windows of that length.
     torque : ResidualTorque or None
         The torque that must act beyond the model, its means over theta, theta_dot, torque, time and over the states,
-        and what it depends on; None where the model runs away within a sample.
+        and what it depends on; None if the model runs away within a sample.
     whiteness : dict
-        The autocorrelation of the filter's innovations beside that torque, by channel.
+        The autocorrelation of the innovations of a filter with that torque as process noise, by channel.
     causes : tuple of Cause
         The known effects that explain the error, the strongest first.
     worst : tuple of Prediction
         The three windows of 1 s with the largest errors, as the model predicts them.
     records : tuple of Record
-        What the model was compared with.
+        The records that the model was compared with.
     sensor : Sensor
-        The noise that errors are multiples of.
+        The noise in whose units errors are given.
     units : dict
         The units of "theta", "theta_dot", "torque" and "time" for the model's plant.
     notes : tuple of str
-        What was noted when the records were read.
+        Notes that were made when the records were read.
     """
 
     one_step: HeldOutError
@@ -83,7 +83,7 @@ class Comparison:
 
     @property
     def errors(self) -> dict[str, HeldOutError]:
-        """The errors by the horizon's name."""
+        """The errors by the name of the horizon."""
         return {
             "one step": self.one_step,
             "0.5 s": self.half_second,
@@ -93,7 +93,7 @@ class Comparison:
 
     @property
     def ratio(self) -> float:
-        """Error over 1 s in units of the sensor noise."""
+        """The error over 1 s, in units of the sensor noise."""
         return self.one_second.ratio
 
     @property
@@ -103,7 +103,7 @@ class Comparison:
 
     @property
     def surprises(self) -> tuple[str, ...]:
-        """Innovations that are not white, as those of a right model are in 99 of 100 logs."""
+        """Sentences on channels whose innovations are not white; a right model has none in 99 of 100 logs."""
         p = {c: w.p_value for c, w in self.whiteness.items()}
         return tuple(f"The innovations of {c} are not white ({chance(v)})." for c, v in p.items() if v * len(p) < 0.01)
 
@@ -168,20 +168,20 @@ def compare(
 ) -> Comparison:
     """How far is a model off on records, where does it fail, and what would explain that?
 
-    For the errors no parameter is touched: only the states of the windows are refitted, and the random torque that must
-    act beyond the model is found by the filter and smoother that also fit models. Causes are fitted beside the model.
+    The errors are those of the model as it is; only the initial states of the windows are refitted. The torque that
+    must act beyond it is found by the filter and smoother that also fit models. Causes are fitted beside the model.
 
     Parameters
     ----------
     model : Model or Estimate
         The model as it is.
     records : sequence of Record
-        At least one rollout, best one that no fit has seen.
+        At least one rollout, preferably one that no fit has seen.
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records as `fit` finds it.
     parameters : sequence of str, optional
-        Names of parameters that a fit has found; by default the estimate's. They are fitted anew beside each cause:
-        what they absorb is no evidence for a missing effect.
+        Names of parameters that were fitted before; by default the estimate's. They are refitted beside each cause,
+        since what they can absorb is no evidence for a missing effect.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def _compared(
 
 
 def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | None:
-    """The fit beside a random torque; None of a model that runs away within a sample."""
+    """The fit of a random torque beside the model; None if the model runs away within a sample."""
     try:
         return followed(Samples(model, records, sensor), model)
     except InvalidInput:
@@ -237,7 +237,7 @@ def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | 
 def _causes(
     found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
 ) -> tuple[Cause, ...]:
-    """What explains the error, outside of what a hand touched."""
+    """The known effects that explain the error, found without the contacts."""
     if found is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
         return ()
     if torque.contacts:
@@ -250,10 +250,10 @@ def _causes(
 
 
 def shortest(sensor: Sensor) -> int:
-    """Instants of the shortest window that leaves something to judge: two, or three where one channel is measured."""
+    """The instants of the shortest window that can be judged after its state is refitted: 2, or 3 with one channel."""
     return 2 if sensor.theta is not None and sensor.theta_dot is not None else 3
 
 
 def place_of_window(window: WindowError) -> str:
-    """Where a window is."""
+    """The place of a window in the log, in words."""
     return f"{window.record} at {window.begin:.1f}-{window.end:.1f} s"

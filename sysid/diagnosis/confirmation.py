@@ -1,4 +1,4 @@
-"""Confirmation: which additions of a search stay, by data that it has not seen and by what is left."""
+"""Confirmation: which additions of a search are believed, by held-out data and by the torque that remains missing."""
 
 from __future__ import annotations
 
@@ -29,19 +29,18 @@ from sysid.physics.effects import CATALOGUE
 from sysid.physics.ops import Array
 
 LARGEST_NOISE = 10.0
-"""Multiple of the noise from which errors that no random torque explains are no noise that was told too small."""
-
+"""Errors of so many times the noise cannot mean that the noise was given too small: something remains."""
 TELLING = 0.5
-"""The share of the held-out error's excess over the noise that tells more than the torque that is left missing."""
-
+"""An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
 
 def is_lowered(error: float, without: float, tolerance: float) -> bool:
-    """Whether something lowers an error, in units of the noise, by that share of its excess over the noise.
+    """Whether an `error`, in units of the noise, is lower than the error `without` something by a share `tolerance`.
 
-    error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1),   or where that was noise: error <= without, but for rounding
+    error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1);  where `without` is within the noise, error <= without. A
+    negligible rise is allowed in both cases.
     """
     if not math.isfinite(error):
         return False
@@ -50,21 +49,21 @@ def is_lowered(error: float, without: float, tolerance: float) -> bool:
 
 
 def names_of(additions: Sequence[Addition]) -> tuple[str, ...]:
-    """The names of additions, in an order of their own."""
+    """The sorted names of additions, as a key."""
     return tuple(sorted(a.name for a in additions))
 
 
 @dataclass(eq=False)
 class Confirmation:
-    """The additions of a search that are believed, and what every error and torque was on the way; errors are held-out.
+    """The additions of a search that are believed, with the errors and missing torques on which that rests.
 
-    base         the model as it came, fitted
-    held_out     the records that no fit has seen
-    contacts     what a hand may have touched: with it, what remains depends on time
+    base         fit of the model as it came
+    held_out     records that no fit has seen
+    contacts     stretches that a hand may have touched; if there are any, what remains depends on time
     additions    those that stay; unconfirmed: the names of those that were taken back
-    errors       by the names of additions: the fit with these alone, and its held-out error
-    fitted       errors of fits on what they were fitted to; torques: what they leave missing over time
-    friction     what the drive's torque is made of, where no model tells how the motion comes of it
+    errors       names of additions -> the fit with these alone, and its held-out error
+    fitted       fit -> its error on the samples that were fitted; torques: fit -> the torque that it leaves missing
+    friction     friction and load in the drive's torque, if no model explains how the motion follows from the torque
     """
 
     search: Search
@@ -87,7 +86,7 @@ class Confirmation:
 
     @cached_property
     def needed(self) -> Disturbances:
-        """The random torque that the model as it came needs, under which all models compare."""
+        """The random torque that the model as it came needs; all models are compared under it."""
         return needed_disturbances(self.base)
 
     def error(self, fit: Fit) -> HeldOutError:
@@ -106,18 +105,18 @@ class Confirmation:
         return self.errors[names]
 
     def torque(self, end: Fit) -> MissingTorque:
-        """How large the missing torque is, before and after."""
+        """The size of the missing torque, before and after the additions."""
         drive = float(np.sqrt(np.mean(end.linearised.drive_torques[end.samples.follows] ** 2)))
         return MissingTorque(drive, *(float(np.sqrt(np.nanmean(self.missing(f) ** 2))) for f in (self.base, end)))
 
     def missing(self, fit: Fit) -> Array:
-        """The missing torque (M,) [N m] over time, smoothed under what the model as it came needed."""
+        """The missing torque (M,) [N m] of a fit over time, smoothed under the random torque `needed`."""
         if fit not in self.torques:
             self.torques[fit] = missing_torque(fit, self.needed)
         return self.torques[fit]
 
     def remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
-        """What matters and is not explained: predictions err beyond the noise, on what was fitted to or beyond."""
+        """What matters and is not explained, if predictions err beyond the noise on fitted or on held-out samples."""
         share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
         if not self.contacts and not self._remains(end):
             elsewhere = self._fails_elsewhere(end, error)
@@ -127,14 +126,13 @@ class Confirmation:
         return Remaining(share, depends_on, found.where, torque.after)
 
     def fitted_error(self, end: Fit) -> float:
-        """The error of predictions of what was fitted to, which several ask for."""
+        """The error of predictions of the fitted samples; it is kept, since it is needed several times."""
         if end not in self.fitted:
             self.fitted[end] = fitted_error(end, self.search.settings.ahead)
         return self.fitted[end]
 
     def _confirm(self) -> None:
-        """Keep the last stage of the search that does not raise the error on the held-out data, less what it can do
-        without."""
+        """Keep the last stage of the search that does not raise the held-out error, without its needless additions."""
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self.error(fit)
@@ -148,9 +146,11 @@ class Confirmation:
         self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
 
     def _drop_needless(self) -> None:
-        """Drop, one after the other, each addition that raises the error on the held-out data, that beside others does
-        not lower it by what matters, that is nothing any more, whose size the readings do not determine, or whose
-        numbers no machine has; what is left errs no more than the model as it came."""
+        """Drop needless additions one after the other; what is left errs no more than the model as it came.
+
+        An addition is needless if it raises the held-out error, or beside others does not lower it by what matters; if
+        its size is compatible with 0 or not determined by the readings; or if no machine has its numbers.
+        """
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
@@ -169,10 +169,12 @@ class Confirmation:
             self.additions = own
 
     def _unmask(self) -> None:
-        """Take back what leaves more torque missing than was missing without it, by what matters, unless it halves the
-        error on the held-out data, and what is a part of something unknown: what remains depends on the quantity that
-        it is a function of, and it explains less than most of that, or only with a number driven to its bound. What is
-        left then has to be confirmed anew."""
+        """Take back additions that mask something unknown, and confirm the others anew after each.
+
+        There are two cases. More torque, by what matters, is missing with the addition than without it, and it does not
+        halve the held-out error beyond the noise. Or what remains depends on the one quantity of which the effect is a
+        function, and the effect explains less than `most` of it or only with a number driven to its bound.
+        """
         before = list(self.additions)
         while (masking := self._masking()) is not None:
             self.additions.remove(masking)
@@ -180,7 +182,7 @@ class Confirmation:
         self.unconfirmed += [a.name for a in before if a not in self.additions]
 
     def _masking(self) -> Addition | None:
-        """The first of the additions that leaves more torque missing, or is a part of something unknown."""
+        """The first of the additions that masks something unknown; None if none does."""
         end, error = self.fit_with(self.additions)
         if not math.isfinite(error.ratio):
             return None
@@ -197,7 +199,7 @@ class Confirmation:
         return None
 
     def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
-        """Whether an addition is a part of something unknown, `without` it is the torque [N m] that is missing then."""
+        """Whether an addition is a part of something unknown; `without` [N m] is the missing torque without it."""
         imitates = CATALOGUE[addition.name].imitates
         if not imitates:
             return False
@@ -208,8 +210,8 @@ class Confirmation:
         return bool(bent) or torque.after**2 > (1.0 - self.search.settings.most) * without**2
 
     def _reconsider(self) -> None:
-        """Add what is sure and too small to matter in the motion that was searched, where the held-out motion goes
-        further and shows that it matters there."""
+        """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the
+        held-out motion, which goes further."""
         for name in self.search.negligible:
             end, error = self.fit_with(self.additions)
             if name in names_of(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
@@ -225,9 +227,11 @@ class Confirmation:
                 self.errors[names_of(self.additions)] = (fit, after)
 
     def _weigh_friction(self) -> None:
-        """Leave out all additions, tried ones too, where friction along the motion makes nearly all of what the drive
-        does, and with them more torque is missing than the drive has, or than friction leaves, and no inertia shows:
-        such a motion does not come of the torque."""
+        """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
+
+        That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
+        missing than the drive has, or no inertia shows and they leave more missing than friction and load do.
+        """
         found = self._friction_along()
         if found is None:
             return
@@ -242,11 +246,11 @@ class Confirmation:
         return friction_along(self.base.model, self.base.names, search.records, self.held_out, search.sensor)
 
     def _remains(self, end: Fit) -> bool:
-        """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed, or they
-        are beyond any noise."""
+        """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
+        errors are larger than any noise could be."""
         beyond = not self.fitted_error(end) ** 2 < 1.0 + self.search.settings.enough**2
         return beyond and not (end.undisturbed and self.fitted_error(end) < LARGEST_NOISE)
 
     def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
-        """Whether held-out data are predicted much worse than the noise, and than what was fitted to."""
+        """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
         return error.beyond_noise and not error.ratio < self.search.settings.worse * max(self.fitted_error(end), 1.0)

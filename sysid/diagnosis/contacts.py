@@ -1,4 +1,4 @@
-"""Contacts: stretches in which something pushed that no state of the joint explains, such as a hand."""
+"""Contacts: stretches in which something outside the machine pushed, such as a hand."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from sysid.estimation.torque_regression import slow_speed
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
-"""Multiples of the median of what is not expected beyond which it is extreme: four sd of a Gaussian."""
+"""An extreme torque differs from the expected one by so many times the median difference: four sd of a Gaussian."""
 SHORTEST_CONTACT = 0.2
-"""What acts for a shorter time [s] is vibration, no hand."""
+"""A torque that acts for less than this time [s] is a vibration and no hand."""
 LEAST_ENERGY, MOST_TIME = 0.6, 0.15
-"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+"""All contacts of a log hold at least this share of the missing torque's energy in at most this share of the time."""
 LEAST_ENERGY_AGAIN = 0.4
-"""The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
+"""LEAST_ENERGY in a log of which contacts are left out already: lighter pushes show then."""
 SLIGHT = 0.05
-"""Share of the largest torque that the log shows below which nobody pushed."""
+"""Least peak of a contact, as a share of the largest torque that the log shows."""
 STILL = 0.02
-"""Share of the RMS speed below which friction holds a joint: in a hand it still moves a little."""
+"""Share of the RMS speed below which friction holds a joint; one that a hand holds still moves a little."""
 LARGEST_COMMAND = 5.0
-"""Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
+"""Mean square of the commands in contacts, over that of the log, from which the drive is the cause, and no hand."""
 LEAST_STEP, STEP_TIME = 0.1, 0.1
-"""Share of the command's range by which it changes within that many seconds where it steps, or ramps."""
+"""A command steps, or ramps, if it changes by this share of its range within this time [s]."""
 SOON = 0.25
-"""Seconds within which what a step of the command causes begins to show: a missing torque is smoothed over 0.4 s."""
+"""Time [s] within which the effect of a command's step begins to show, in a torque that is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
-"""Probability below which that what was found comes with steps of the command is no chance."""
+"""Probability that by chance so many contacts begin with steps of the command, below which the drive is the cause."""
 SHORTEST_LOG = 8.0
-"""Seconds of log from which it can be told what is rare."""
+"""Length [s] of a log from which it shows what is rare."""
 _NEIGHBOURS = 25
 _APART = 0.5
-"""Samples within this time [s] belong to one motion; a state has come back when it is met later or earlier."""
+"""Samples within this time [s] of each other belong to one motion; a state comes back only if it is met outside it."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A stretch of a record, t_begin to t_end [s], in which an unexplained torque peaks at `peak` [unit]."""
+    """A stretch of the record `name`, t_begin to t_end [s], in which an unexplained torque peaks at `peak` [unit]."""
 
     name: str
     t_begin: float
@@ -57,18 +57,17 @@ class Contact:
 
 
 def contacts_sentence(contacts: Sequence[Contact]) -> str:
-    """That something acted there which is not of the joint."""
+    """A sentence that something outside the joint acted in these stretches."""
     return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 
 
 def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = False) -> tuple[Contact, ...]:
-    """Where a missing torque (M,) [N m] is extreme against what acts in the same state at other times.
+    """Find the stretches in which a missing torque (M,) [N m], made `slow`, is extreme for the state of the joint.
 
-    The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
-    extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
-    none; nor where they come with the largest commands, or with steps of the command. What is below `least` [N m] is
-    none either, nor in the end what is slight beside the torques of the log.
-    `again`, where pushes were left out already, the others need not be as much.
+    A model that misses something everywhere leaves extremes, too, though nobody touched the machine. The extremes
+    therefore have to hold most of the missing torque's energy, in a small part of the time; less of it is enough if
+    contacts were left out already (`again`). They must not come with the largest commands or with steps of the command.
+    Nothing counts that is below `least` [N m], slight beside the torques of the log, or friction of a standing joint.
     """
     samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_LOG:
@@ -87,22 +86,22 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 
 
 def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
-    """Which of the samples (M,) a stretch holds: of several records of a name, pieces of one, it is in one."""
+    """Which of the samples (M,) a stretch holds. Records of the same name are pieces of one, apart in time."""
     named = np.array([r.name == contact.name for r in samples.records])[samples.number]
     return np.asarray(named & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end))
 
 
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
-    """Whether the joint stands for most of a stretch and what is missing opposes the drive: no state tells how much it
-    takes to break a joint away."""
+    """Whether the joint stands for most of a stretch while the missing torque opposes the drive. That is dry friction,
+    and the joint's state does not tell how large it is."""
     theta_dot, drive = fit.motion.x[:, 1], np.mean(fit.linearised.drive_torques, axis=1)
     held = (np.abs(theta_dot) < slow_speed([theta_dot], STILL)) & (torque * drive < 0.0)
     return float(np.mean(held[inside])) > 0.5
 
 
 def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
-    """Whether a hand would have waited for the drive: what was found comes with steps of the command more often than by
-    chance, or the command is much larger inside than it is on average (but an angle that is commanded has no size)."""
+    """Whether the drive is the cause: the stretches come with steps of the command more often than by chance, or the
+    command is much larger inside than on average (a commanded angle has no such size)."""
     samples, actuator = fit.samples, fit.model.actuator
     command = np.full(len(inside), np.nan)
     command[samples.follows] = np.concatenate([r.u for r in samples.records])
@@ -115,11 +114,11 @@ def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) ->
 
 
 def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> bool:
-    """Whether stretches begin with a step of the command (M,), or soon behind one, more often than by chance.
+    """Whether stretches begin near a step of the command (M,) more often than by chance.
 
-        sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, p of the log's time
+        sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, as does a share p of the log's time
 
-    A step that comes later may be a controller's answer to a push.
+    A later step does not count, since it may be a controller's answer to a push.
     """
     width, soon = (max(1, round(seconds / samples.dt)) for seconds in (STEP_TIME, SOON))
     changes = np.abs(command[width:] - command[:-width]) > LEAST_STEP * np.ptp(command[samples.follows])
@@ -132,12 +131,12 @@ def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> b
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
-    """Stretches where a torque is extreme against what acts in the same state at other times.
+    """Stretches in which a torque is extreme compared to what acts in the same state at other times.
 
-    A magnet acts whenever the joint passes its angle, friction whenever it has a speed, a hand only once: so the median
-    torque at other times is expected, in the nearest states, at the nearest angles and at the nearest speeds; what
-    differs from all three by more than 6 times the median of that, and by more than the median torque, is a touch where
-    it is rare too: beyond twice the 90 % quantile.
+    A magnet acts whenever the joint passes its angle, and friction at every speed; a hand acts only once. The expected
+    torque is therefore the median at other times, at the nearest states, angles or speeds. A torque is extreme if it
+    differs from all three by more than EXTREME times the median difference, by more than the median torque and by more
+    than `least` [N m], and if it is rare: beyond twice the 90 % quantile.
     """
     samples = fit.samples
     at = np.flatnonzero(np.isfinite(torque))[:: max(1, round(0.25 * SHORTEST_CONTACT / samples.dt))]
@@ -162,10 +161,8 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
 
 
 def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
-    """d (M,) without what is faster than a hand: averaged under a Hann window of 0.4 s, record by record.
-
-    nan where the window would reach beyond the record.
-    """
+    """A torque d (M,) averaged under a Hann window of 0.4 s, to remove what is faster than a hand; nan where the window
+    would reach beyond the record."""
     half = max(1, round(SHORTEST_CONTACT / dt))
     window = np.hanning(2 * half + 1)
     smooth = np.full_like(d, np.nan)
@@ -177,7 +174,7 @@ def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
 
 
 def _elsewhere(points: Array, clock: Array, d: Array) -> Array:
-    """Median d of the nearest points (M, n) of other times, for each one; 0 where there is none."""
+    """For each point (M, n), the median d of the nearest points at other times; 0 if there is none."""
     from scipy.spatial import cKDTree
 
     own = int(2.0 * _APART / (0.25 * SHORTEST_CONTACT)) + 2
@@ -191,7 +188,7 @@ def _elsewhere(points: Array, clock: Array, d: Array) -> Array:
 
 
 def _stretches(alone: NDArray[np.intp], wide: NDArray[np.bool_], record: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """First and last sample of each touch, widened to where it has faded."""
+    """The first and the last sample of each contact: from the extremes `alone`, widened as long as `wide` holds."""
     spans: list[tuple[int, int]] = []
     for k in alone.tolist():
         if spans and k <= spans[-1][1]:

@@ -1,4 +1,4 @@
-"""Criteria: what a fit has to show for the effects in it, beside a fit without them."""
+"""Criteria: tests that the effects in a fit have to pass, compared to a fit without them."""
 
 from __future__ import annotations
 
@@ -15,40 +15,39 @@ from sysid.physics.ops import Array
 
 
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
-    """Whether a machine may have these effects' numbers, and the readings can show them."""
+    """Whether a machine can have these effects with their fitted numbers, and the readings can show them."""
     sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
     told = found.linearised.told(found.model)
     return all(e.plausible and e.resolved(sd, reach, told) for e in found.model.effects if e.name in effects)
 
 
 def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
-    """Whether the log determines the numbers of a fit beside those of `others`, effects that may be pruned in its
-    favour, if it determined those of the fit before."""
+    """Whether the log determines all numbers of a fit; also True if it did not determine those of the fit `before`.
+    Numbers of the effects `others` do not count, since these may be pruned later."""
     own = [i for i, name in enumerate(found.names) if found.model.parameters[name].owner not in others]
     Z = found.Z[:, own]
     return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
 
 
 def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
-    """Whether the sizes of an effect may as well be none, by `squared_size`.
-
-    What the readings do not determine is not said to be nothing.
-    """
+    """Whether the sizes of an effect are compatible with 0 (`squared_size`); False if the readings leave them open."""
     return squared_size(found, name) < sure
 
 
 def is_undetermined(found: Fit, name: str) -> bool:
-    """Whether the readings say nothing of an effect's sizes, since other numbers may make up for any of them."""
+    """Whether the readings do not determine an effect's sizes, because other numbers make up for any of them."""
     at = _sizes(found, name)
     return bool(at) and not np.all(np.isfinite(found.covariance[np.ix_(at, at)]))
 
 
 def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
-    """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
-    nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
-    is none, at the slope that it has, since with a steeper one any limit ends at the same speed. The numbers that it
-    shares with a simpler one, which are `beyond` question, are left aside. Where a number of the plant ended at its
-    bound, C is that of the others beside it: beyond it nothing can take an effect's place."""
+    """The squared size x' C^-1 x / q of an effect, with its q sizes x counted from neutral and their covariance C.
+
+    It is 0 for an effect that changes nothing, and nan if the readings do not determine x. The size of a limit is the
+    limit itself (an infinite one is none), conditional on its slope: with a steeper slope any limit ends at the same
+    speed. Fields in `beyond`, shared with a simpler effect, do not count. If a number of the plant ended at its bound,
+    C is conditional on it, too: beyond the bound it cannot take the effect's place.
+    """
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
     parameters = found.model.parameters
@@ -65,7 +64,7 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
 
 
 def _beside_bounds(found: Fit, own: list[int]) -> Array:
-    """The covariance of some numbers given those of the plant that ended at their bounds."""
+    """The covariance of the numbers `own`, conditional on those of the plant that ended at their bounds."""
     C, ended = found.covariance, found.at_bounds.intersection(found.model.plant.parameters)
     held = [i for i, name in enumerate(found.names) if name in ended and 0.0 < C[i, i] < math.inf]
     across = C[np.ix_(own, held)]
@@ -73,15 +72,18 @@ def _beside_bounds(found: Fit, own: list[int]) -> Array:
 
 
 def _sizes(found: Fit, name: str) -> list[int]:
-    """Which of a fit's numbers are sizes of an effect: those that are none where it changes nothing."""
+    """The indices of an effect's sizes among a fit's numbers: those that have a value at which it changes nothing."""
     parameters = found.model.parameters
     own = [n for n in found.model.names_of(name) if n in found.names and parameters[n].neutral is not None]
     return [found.names.index(n) for n in own]
 
 
 def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
-    """Decrease of the deviance that these effects bring, over what chance multiplies it with where the random torque is
-    no Gaussian process: the excess variance of the effects' numbers (Huber's correction of the likelihood ratio)."""
+    """The decrease of the deviance by these effects, divided by the excess variance of their numbers.
+
+    What a model lacks is no Gaussian process, so that even an idle effect gains more than likelihood theory says. The
+    mean square of `Fit.wider` is that factor (Huber's correction of the likelihood ratio).
+    """
     parameters = found.model.parameters
     own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
     excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
@@ -89,15 +91,15 @@ def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
 
 
 def at_bound(found: Fit, name: str) -> bool:
-    """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
+    """Whether one of the effect's numbers ended at a bound other than its neutral value."""
     return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
 
 
 def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
-    """Whether predictions move by more than nothing that anybody would notice.
+    """Whether predictions of the two models differ by so much that it matters.
 
-    The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
-    error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
+    The RMS difference has to exceed `noise_share` of the sensor noise, and sqrt(1 - (1 - tolerance)^2) of the error
+    beyond the noise: the difference that lowers the error by the share `tolerance`.
     """
     size, error = moved(before, after.model, after, settings.ahead)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))

@@ -1,4 +1,4 @@
-"""Dependence: what a torque that no effect explains depends on."""
+"""Dependence: the quantity on which a torque depends that no effect explains."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
 
 QUANTITIES = ("theta", "theta_dot", "torque", "history", "theta+theta_dot")
-"""What a torque may depend on, the simpler first."""
+"""The quantities that a torque may depend on, the simpler ones first."""
 LEAST_SHARE = 0.2
-"""Share of the torque's mean square that a quantity has to predict on other stretches."""
+"""Least share of the torque's mean square that a quantity has to predict on left-out stretches."""
 LEAST_ADVANTAGE = 0.1
-"""By how much a later quantity has to predict a larger share than a simpler one."""
+"""A later quantity has to predict a share that is larger by this than that of a simpler one."""
 SHORTEST_STRETCH = 1.0
-"""Length [s] of the stretches that predict each other, at least; a log is cut into 12 at most."""
+"""Least length [s] of the stretches that are left out in turn; a log is cut into 12 at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,9 @@ class Dependence:
     """What a torque depends on.
 
     depends_on  some of "theta", "theta_dot", "torque", "time", "history"
-    share       of its mean square that smooth functions of these predict, taken from other stretches of the log
-    where       the stretch of the quantity over which most of it acts, in words
-    shares      such a share for each of QUANTITIES that the log tells by itself, 0 where it predicts nothing
+    share       of its mean square that a smooth function of these predicts on left-out stretches of the log
+    where       the range of the quantity over which most of it acts, in words
+    shares      this share for each of QUANTITIES that the log shows; 0 where it predicts nothing
     """
 
     depends_on: tuple[str, ...]
@@ -38,10 +38,10 @@ class Dependence:
 
 
 def dependence(fit: Fit, torque: Array) -> Dependence:
-    """The quantity that predicts a torque (M,) [N m], nan where it is not known; "time" where none does.
+    """Find the quantity that predicts a torque (M,) [N m], nan where it is not known; "time" if none does.
 
-    A function of the quantity is fitted to all stretches of the log but one and predicts that one. What acts once can
-    be predicted by nothing but the time.
+    By cross-validation, a smooth function of the quantity is fitted to all stretches of the log but one and predicts
+    that one. A torque that acts only once is predicted by no quantity.
     """
     known = np.isfinite(torque)
     chosen, best = "time", 0.0
@@ -57,13 +57,13 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
 
 
 def _is_placed(fit: Fit) -> bool:
-    """Whether anything says where the joint is: a reading of its angle, or gravity."""
+    """Whether the angle of the joint is known, from a reading of it or from gravity."""
     gravity = float(fit.model.plant.gravity_torque(0.5 * math.pi))
     return gravity != 0.0 or any(r.has_angles for r in fit.samples.records)
 
 
 def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
-    """1 - sum |d - prediction|^2 / sum d^2, each stretch predicted by ridge regression on the others."""
+    """1 - sum |d - prediction|^2 / sum d^2, where ridge regression on all other stretches predicts each stretch."""
     if basis.shape[1] == 0:
         return 0.0
     samples, at = fit.samples, np.flatnonzero(known)
@@ -81,20 +81,20 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
 
 
 def _middle(fit: Fit) -> tuple[Array, Array, Array]:
-    """theta, theta_dot and the drive torque in the middle of the intervals (M,)."""
+    """theta, theta_dot and the drive torque (M,) in the middle of the intervals."""
     theta, theta_dot = fit.linearised.middle.T
     return theta, theta_dot, fit.linearised.drive_torques.mean(axis=1)
 
 
 def coordinates(fit: Fit) -> dict[str, Array]:
-    """What a torque is drawn over: theta (its place), theta_dot, the drive torque, the time of each interval (M,)."""
+    """The quantities (M,) over which a torque is drawn: theta (its place), theta_dot, drive torque and time."""
     theta, theta_dot, drive = _middle(fit)
     middle = fit.samples.t + 0.5 * fit.samples.dt
     return {"theta": fit.model.plant.place(theta), "theta_dot": theta_dot, "torque": drive, "time": middle}
 
 
 def _torques(fit: Fit, name: str) -> Array:
-    """Torques (M, Q) of unit size."""
+    """Basis functions (M, Q) of a quantity, whose combinations are the torques that may depend on it."""
     theta, theta_dot, drive = _middle(fit)
     if name == "theta_dot":
         return _splines(theta_dot, 8)
@@ -110,7 +110,7 @@ def _torques(fit: Fit, name: str) -> Array:
 
 
 def _splines(x: Array, count: int) -> Array:
-    """`count` cubic B-splines (M, count) over the range of x, knots at its quantiles; none where x hardly varies."""
+    """Cubic B-splines (M, count) over the range of x, with knots at its quantiles; none if x hardly varies."""
     from scipy.interpolate import BSpline  # it takes a sixth of a second to load, and few answers need it
 
     low, high = float(np.min(x)), float(np.max(x))
@@ -125,7 +125,7 @@ def _splines(x: Array, count: int) -> Array:
 
 
 def _angles(theta: Array, turns: bool) -> Array:
-    """Splines over the angle: periodic where whole turns were made, else over the stretch that was seen."""
+    """Splines over the angle: periodic ones if whole turns were made, otherwise over the range that was seen."""
     span = float(np.ptp(theta))
     if span < 0.05:
         return np.zeros((len(theta), 0))
@@ -138,7 +138,7 @@ def _angles(theta: Array, turns: bool) -> Array:
 
 
 def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
-    """Commands of earlier intervals, which a missing state would remember, and of the next: a log stamped late."""
+    """Commands of earlier intervals, which a missing state would remember; and of the next, for a log stamped late."""
     samples = fit.samples
     columns = np.zeros((len(samples), len(lags)))
     for i, record in enumerate(samples.records):
@@ -148,7 +148,7 @@ def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
 
 
 def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
-    """The stretch of a quantity over which most of a torque acts."""
+    """The range of a quantity over which most of a torque acts, in words."""
     units = fit.model.plant.quantities
     newton = units["torque"]
     if on == "history":

@@ -1,4 +1,4 @@
-"""diagnose: from a model and a log to the effect that is missing, with the evidence and its size."""
+"""diagnose: from a model and a log to the effect that is missing, its size and the evidence for it."""
 
 from __future__ import annotations
 
@@ -43,16 +43,13 @@ from sysid.planning.planned_experiment import Experiment
 logger = logging.getLogger(__name__)
 
 MOST_RESTARTS = 3
-"""What a hand touched is left out and the search begun anew, at most so often."""
-
+"""Most times that the search begins anew after contacts were left out of the log."""
 LEAST_LEFT = 0.6
-"""The share of a log that has to be left beside what a hand touched, or nothing is left out."""
-
+"""Least share of a log that has to remain; contacts are left out only if it does."""
 DETECTABLE = 3.9
-"""Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
-
+"""Size of an effect, in standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
 FELL = 5e-3
-"""A fall of the held-out error by less than this share is told together with that of the next step."""
+"""A fall of the held-out error by less than this share is reported together with that of the next step."""
 
 
 def diagnose(
@@ -66,22 +63,22 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effect is missing, how large is it, and does it matter?
 
-    Beside the model acts a random torque, whose size and correlation time the log tells. An effect is added where it
-    explains what the random torque had to: where the likelihood gains more than the effect's numbers and its rarity
-    cost, predictions on left-out stretches are no worse, and what it changes matters. So it goes on until nothing
-    pays; in the end no effect stays that raises the error on the held-out data.
+    The model is fitted beside a random torque, whose size and correlation time are found from the log. An effect is
+    added if it explains what the random torque had to: the likelihood gains more than the effect's numbers and its
+    rarity cost, predictions on left-out stretches are no worse, and what it changes matters. This is repeated until no
+    effect pays. In the end effects that raise the error on the held-out data are taken back.
 
     Parameters
     ----------
     model : Model or Estimate
-        The model as it came. Of an estimate the free parameters are refitted; the others keep their numbers.
+        The model as it came. If it is an estimate, its free parameters are refitted and the others keep their numbers.
     records : sequence of Record
-        At least one rollout. Of a long log a sample is searched that is spread over it (`SearchSettings.samples`);
-        stretches that a hand touched are left out of the search, and named.
+        At least one rollout. A long log is searched by a sample that is spread over it (`SearchSettings.samples`).
+        Contacts, such as a hand's push, are left out of the search and named in the answer.
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records without any model.
     hold_out : float, optional
-        A share, or a count, of the records that no fit sees.
+        A share or a count of the records, which no fit sees.
     effects : iterable of str, optional
         Names of the effects that may be missing; by default the whole catalogue.
     parameters : sequence of str, optional
@@ -132,8 +129,8 @@ def diagnose(
 
 
 def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
-    """How far ahead [s] what acts can be foreseen; a gravity that is free and that the log does not show makes nothing
-    fall."""
+    """How far ahead [s] the motion is `foreseeable`. It is inf if the plant's parameters are free and the log does not
+    show gravity, since then nothing is known to fall."""
     if not set(names).isdisjoint(model.plant.parameters):
         if "G/J" not in shown_ratios(model, records, sensor):
             return math.inf
@@ -144,7 +141,7 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
 def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Contact, ...]]:
-    """The search through what no hand touched, the fit that it began at, and what was touched."""
+    """The search through the records without contacts, the fit that it began at, and the contacts."""
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
@@ -161,8 +158,8 @@ def _searched(
 def _best_search(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, Fit]:
-    """Of the searches from each first fit the one whose end predicts left-out stretches best, with its first fit and
-    its last."""
+    """Search from each first fit, and keep the search whose final fit predicts left-out stretches best. Returned are
+    this search, its base fit and its final fit."""
     begun = first_fits(Samples(model, records, search_in(records).sensor), model, names)
     found = [(own, *own.run(model, names, helped)) for helped in begun for own in [search_in(records)]]
     if len(found) == 1:
@@ -174,7 +171,7 @@ def _best_search(
 def _untouched(
     search: Search, base: Fit, held_out: tuple[Record, ...]
 ) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
-    """The held-out records without what a hand touched, which no model predicts, and what that was."""
+    """The held-out records without contacts, which no model can predict, and these contacts."""
     end = search.stages[-1][1] if search.stages else base
     if not held_out_error(end.model, held_out, search.sensor, search.settings.ahead).beyond_noise:
         return held_out, ()
@@ -189,7 +186,7 @@ def _untouched(
 
 
 def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Record, ...] | None:
-    """The records without what was touched; None where nothing was, or too little would be left."""
+    """The records without the contacts; None if there are no contacts, or too little would be left."""
     rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in contacts])
     return rest if contacts and sum(map(len, rest)) >= LEAST_LEFT * sum(map(len, records)) else None
 
@@ -205,14 +202,14 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
 
 
 class _Report:
-    """Puts the way of a search, and what was confirmed of it, into numbers."""
+    """Makes the Diagnosis from a search and its confirmation."""
 
     def __init__(self, confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...]) -> None:
         self.confirmed, self.search, self.base = confirmed, confirmed.search, confirmed.base
         self.records, self.notes = records, notes
 
     def diagnosis(self, began: float) -> Diagnosis:
-        """The answer; `began` is when the question was asked."""
+        """The answer; `began` is the clock when the question was asked."""
         end, error = self.confirmed.fit_with(self.confirmed.additions)
         steps = self._steps(end)
         machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
@@ -251,7 +248,7 @@ class _Report:
         )
 
     def _experiment(self, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
-        """What to play next where a class does not separate."""
+        """The experiment to play next if an effect has rivals that this log cannot tell from it."""
         alike = next((s.alike for s in machine if s.rivals), None)
         if alike is None:
             return None
@@ -263,7 +260,7 @@ class _Report:
             return None
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
-        """In the order of the search; a step of the error is that of all effects that pay together."""
+        """The additions as steps, in their order; effects that pay only together share one fall of the error."""
         estimate, additions = end.estimate(), self.confirmed.additions
         errors = [self.confirmed.fit_with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0
@@ -286,7 +283,7 @@ class _Report:
         return tuple(steps)
 
     def _ranking(self, missing: float) -> tuple[Ranked, ...]:
-        """What stayed, then those that were fitted first by what came out, then the others by what they promise."""
+        """First the effects that stayed, then others that were fitted, by merit, then the rest, by expected merit."""
         first, each = self.search.first, self.search.settings.price
         stayed = [a for a in self.confirmed.additions if a.name in first]
         fits = {t.effects[0]: t.fit for t in self.search.trials if len(t.effects) == 1}
@@ -315,7 +312,7 @@ class _Report:
         return min(1.0, p_value(score.lm, max(len(score.sizes), 1)) * len(self.search.first))
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
-        """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
+        """Groups that no log of this kind separates: parameters with each other, and effects with what absorbs them."""
         groups = []
         own = end.model.plant.parameters
         absorbed = tuple(n for n, s in self.search.first.items() if s.absorbed)
@@ -334,7 +331,7 @@ class _Report:
         return tuple(groups)
 
     def _ruled_out(self) -> dict[str, dict[str, Any]]:
-        """Sizes above which effects that were not found would have been found."""
+        """For effects that were not found, the sizes above which they would have been."""
         found = {}
         for name, s in self.search.last.items():
             if not s.visible or len(s.sizes) != 1 or not math.isfinite(s.sd[0]):

@@ -1,4 +1,4 @@
-"""Findings in words: the parts that the sentences of several answers share, on a terminal and on a page alike."""
+"""Findings in words: phrases that the sentences of several answers share, on a terminal as on a page."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from sysid.estimation.estimate import Estimate
 
 
 def chance(p_value: float) -> str:
-    """How probable a finding is by chance."""
+    """A p-value in words: how probable a finding is by chance."""
     return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
 
 
 def quantity(name: str, units: Mapping[str, str]) -> str:
-    """What "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
+    """The word for "theta", "theta_dot", "torque" or "time", for a plant with these units."""
     turning = {"theta": "angle", "theta_dot": "speed", "torque": "torque", "time": "time"}
     sliding = {"theta": "position", "torque": "force"}
     return sliding.get(name, turning[name]) if units["theta"] == "m" else turning[name]
 
 
 def spaced_unit(name: str) -> str:
-    """A unit behind its number, with a space between them; nothing for a plain number."""
+    """A unit to be written behind a number, with a space before it; empty for a plain number."""
     return "" if name == "1" else f" {name}"
 
 
 def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, dict[str, Any]]:
-    """The fitted numbers of an effect, with its ratios of them that are known, or all of them, by name: value, sd and
-    unit."""
+    """The fitted numbers {name: {value, sd, unit}}: all, or those of an effect and such ratios of them as are known."""
     parameters, sd = estimate.model.parameters, estimate.sd
     numbers = {
         name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
@@ -46,7 +45,7 @@ def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, d
 
 
 def _ratio(estimate: Estimate, above: str, below: str) -> dict[str, float] | None:
-    """A ratio r = a / b of two fitted numbers and its sd, to first order; None where it may as well be infinite.
+    """The ratio r = a / b of two fitted numbers and its sd, to first order; None if the sd is half of r or more.
 
     sd = r |(1/a, -1/b)|_C,   C their covariance
     """
@@ -73,5 +72,5 @@ def numbers_in_words(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def dependence_on(quantities: Sequence[str], *where: str) -> str:
-    """What a torque that no effect explains depends on, and where it acts."""
+    """A phrase on what an unexplained torque depends on, and where it acts."""
     return ", ".join(["it depends on " + " and ".join(quantities), *filter(None, where)])

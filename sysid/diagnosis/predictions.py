@@ -1,4 +1,4 @@
-"""Predictions: stretches of a log, as they were read and as models predict them."""
+"""Predictions: stretches of a log as they were read, and as models predict them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 LONGEST_STRETCH = 10.0
-"""The longest stretch [s]."""
+"""Longest stretch [s] that is shown."""
 
 
 class Prediction(NamedTuple):
-    """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,), in the
-    plant's units; the command (n,) in its own; and the error in units of the sensor noise."""
+    """A stretch of a rollout as it was read, and as a model predicts it.
+
+    t (n,) are instants [s]; readings and model hold an array (n,) for each channel, in the plant's units; command (n,)
+    is in `command_unit`. ratio is the error in units of the sensor noise.
+    """
 
     record: str
     t: Array
@@ -37,10 +40,8 @@ class Prediction(NamedTuple):
 def typical(
     models: Sequence[Model], records: Sequence[Record], sensor: Sensor, ahead: float = math.inf
 ) -> tuple[Prediction, ...]:
-    """Models on one stretch of at most 10 s: that which comes nearest to the median of the first model's errors.
-
-    They predict it from its first state, or `ahead` [s] at a time.
-    """
+    """A stretch of at most 10 s on which the first model's error is nearest to its median, predicted by each model from
+    its first state, or `ahead` [s] at a time."""
     ahead = min(max(ahead, 1.0), LONGEST_STRETCH)
     fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
     errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
@@ -53,7 +54,7 @@ def typical(
 
 
 def throughout(model: Model, records: Sequence[Record], sensor: Sensor, ahead: float = 1.0) -> tuple[Prediction, ...]:
-    """A model on all of each record, `ahead` [s] at a time, each window from its refitted state."""
+    """A model's predictions of each whole record, `ahead` [s] at a time, each window from its refitted state."""
     fit = refit_windows(model, records, sensor, cut(records, ahead, lead_of(model)))
     windows = error_of(fit, ahead).windows
     owner = np.array([w.record for w in fit.response.windows])
@@ -62,7 +63,7 @@ def throughout(model: Model, records: Sequence[Record], sensor: Sensor, ahead: f
 
 
 def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
-    """Windows of one record, one after the other; behind each a nan, so that no line leads over."""
+    """The predictions of successive windows of one record; a nan behind each keeps plots from joining them."""
     response, times, commands = fit.response, list[Array](), list[Array]()
     e, read = fit.lin.e.reshape(response.y.shape), response.weight > 0.0
     seen = [c for row, c in enumerate(CHANNELS) if read[:, row].any()]

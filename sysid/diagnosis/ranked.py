@@ -1,4 +1,4 @@
-"""Ranked: an effect that may be missing, with its evidence and what it would do to the model."""
+"""Ranked: an effect that may be missing, with the evidence for it and the torque that it would add."""
 
 from __future__ import annotations
 
@@ -27,12 +27,14 @@ _LEAST_SHARE = 0.3
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, and those
-    that the log cannot tell from it.
+    """A candidate of the first round.
 
-    fit, base   the fits with it and without, where it was refitted
+    alike       effects that the log cannot tell from it, itself first
+    score       decrease of the deviance (-2 log likelihood) beyond the price, expected or, if it was fitted, found
+    p_value     of the score test, multiplied by the number of effects that were tested (Bonferroni's correction)
+    fit, base   the fits with it and without, if it was fitted
     missing     RMS of the torque [N m] that is missing without it
-    held_out    the held-out error of a fit
+    held_out    the function that gives the held-out error of a fit
     """
 
     effect: str
@@ -46,17 +48,17 @@ class Ranked:
 
     @cached_property
     def error_after(self) -> float | None:
-        """The held-out error with it, in units of the sensor noise; None where it was not refitted."""
+        """The held-out error with it, in units of the sensor noise; None if it was not fitted."""
         return None if self.fit is None or self.held_out is None else self.held_out(self.fit).ratio
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:
-        """Its fitted numbers {name: {value, sd, unit}}; none where it was not refitted."""
+        """Its fitted numbers {name: {value, sd, unit}}; empty if it was not fitted."""
         return {} if self.fit is None else fitted_numbers(self.fit.estimate(), self.effect)
 
     @cached_property
     def explained(self) -> float | None:
-        """The share of the missing torque that it explains, as MissingTorque has it; None where it was not refitted."""
+        """The share of the missing torque that it explains (see `MissingTorque`); None if it was not fitted."""
         if self.fit is None or self.base is None or not self.missing > 0.0:
             return None
         left = float(np.nanmean(missing_torque(self.fit, needed_disturbances(self.base)) ** 2))
@@ -64,7 +66,7 @@ class Ranked:
 
     @cached_property
     def torque(self) -> EffectTorque | None:
-        """Its torque over the quantity that it acts on; None where it was not refitted or is no torque."""
+        """Its torque over the quantity that it is a function of; None if it was not fitted or is no torque."""
         return None if self.fit is None else effect_torque(self.fit, self.effect)
 
     def to_dict(self) -> dict[str, Any]:
@@ -74,11 +76,12 @@ class Ranked:
 
 @dataclass(frozen=True, eq=False)
 class EffectTorque:
-    """The torque (B,) [N m] of an effect over the quantity that it is a function of.
+    """The torque of an effect over the quantity that it is a function of.
 
-    over   "theta" (its place), "theta_dot" or "torque": the mean torque at x (B,) of it; "time", where none of these
-           tells much of it: the torque at instants x (B,) [s] of `record`, where it is large
-    share  of its mean square that the quantity tells
+    over   "theta" (its place), "theta_dot" or "torque"; "time" if none of these explains much of the torque
+    x      (B,) values of that quantity; of time the instants [s] of a stretch of `record`, where the torque is large
+    mean   (B,) mean torque [N m] at x; over time the torque itself
+    share  of its mean square that the quantity explains
     """
 
     over: str
@@ -89,8 +92,8 @@ class EffectTorque:
 
 
 def effect_torque(fit: Fit, name: str) -> EffectTorque | None:
-    """The torque by which an effect of a fitted model changes the speed along the motion, over the quantity that tells
-    most of it; None of an effect that changes readings alone."""
+    """The torque by which an effect of a fitted model changes the speed along the motion, over the quantity that
+    explains most of it; None for an effect that changes readings alone."""
     without = LinearisedModel(fit.samples, fit.model.without_effect(name), fit.motion)
     inside = fit.samples.follows
     gained = (fit.linearised.ends[:, 1] - without.ends[:, 1])[inside] / fit.samples.dt
@@ -103,7 +106,7 @@ def effect_torque(fit: Fit, name: str) -> EffectTorque | None:
 
 
 def _over_time(fit: Fit, t: Array, torque: Array) -> EffectTorque:
-    """At most LONGEST_STRETCH of the record in which it is largest."""
+    """The torque over time, in the first LONGEST_STRETCH of the record in which it is largest."""
     number = fit.samples.number[fit.samples.follows]
     size = np.bincount(number, torque**2) / np.maximum(np.bincount(number), 1)
     own = np.flatnonzero(number == int(np.argmax(size)))

@@ -1,4 +1,4 @@
-"""Residual torque: what must act on the joint beyond a model for a log to have come about."""
+"""Residual torque: the torque that must act on the joint beyond a model to produce a log."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 CORRELATION_TIME = 0.1
-"""Correlation time [s] under which models are compared, and of a torque that nobody sees."""
+"""Correlation time [s] of d where models are compared, and where the largest d that a log could hide is found."""
 SETTINGS = Settings(angle_error=False)
-"""Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
+"""Settings without an error of the angle that neighbouring readings share: all that readings show counts as motion."""
 _FLOOR = np.array([-40.0, -40.0])
 _BINS = 24
 _CELLS = (10, 8)
@@ -37,10 +37,10 @@ _CELLS = (10, 8)
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """One record of N intervals as the smoother follows it.
+    """The smoothed motion and torque of one record of N intervals.
 
     t, theta, theta_dot (N+1,)  [s], [rad], [rad/s]   the motion
-    d, sd (N,)                  [N m]                 the torque held from t[k] to t[k+1] beyond the model, and its sd
+    d, sd (N,)                  [N m]                 the torque beyond the model from t[k] to t[k+1], and its sd
     """
 
     name: str
@@ -53,10 +53,8 @@ class Followed:
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """The mean of d in each of B bins of a coordinate, with the posterior sd of that mean; nan in empty bins.
-
-    edges (B+1,) in `unit`; mean, sd, count (B,).
-    """
+    """The mean (B,) of d in each of B bins of a quantity and the posterior sd (B,) of that mean, nan in empty bins;
+    count (B,) of intervals; and the bins' edges (B+1,) in `unit`."""
 
     name: str
     unit: str
@@ -67,7 +65,8 @@ class Binned:
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Edges of the stretch of half the largest |mean| or more; beyond 2 pi where a peak of theta spans 0."""
+        """The edges of the range around the largest |mean| over which |mean| is at least half of that. They may exceed
+        2 pi if the range of theta spans 0."""
         mean, B = np.nan_to_num(self.mean), len(self.mean)
         mean = np.where(np.abs(mean) > 2.0 * np.nan_to_num(self.sd), mean, 0.0)
         at = int(np.argmax(np.abs(mean)))
@@ -84,10 +83,8 @@ class Binned:
 
 @dataclass(frozen=True, eq=False)
 class TorqueMap:
-    """The mean of d (I, J) in cells of theta (its place) and theta_dot, with the posterior sd of that mean.
-
-    theta (I+1,) and theta_dot (J+1,) are the cells' edges; count (I, J) intervals; nan in empty cells.
-    """
+    """The mean (I, J) of d in cells of theta (its place) and theta_dot and the posterior sd of that mean, nan in empty
+    cells; count (I, J) of intervals; and the cells' edges theta (I+1,) and theta_dot (J+1,)."""
 
     theta: Array
     theta_dot: Array
@@ -97,7 +94,7 @@ class TorqueMap:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """(I, J): cells in which the torque is beyond 2.6 of its sd."""
+        """The cells (I, J) in which the torque is larger than 2.6 of its sd."""
         return np.asarray(np.nan_to_num(np.abs(self.torque)) > SIGMA_99 * np.nan_to_num(self.sd, nan=np.inf))
 
 
@@ -108,10 +105,10 @@ class ResidualTorque:
     Attributes
     ----------
     records : tuple of Followed
-        One a record: d and the motion, each with its instants.
+        d and the motion of each record.
     s, T : float
-        The sd [N m] and correlation time [s] of d that make the log likeliest; where no torque is needed, s is the
-        largest that the log does not rule out, one-sided at 95 %.
+        The sd [N m] and correlation time [s] of d that make the log likeliest. If no torque is needed, s is the largest
+        that the log does not rule out, one-sided at 95 %.
     present : bool
         Whether the log needs such a torque.
     drive : float
@@ -121,13 +118,13 @@ class ResidualTorque:
     map : TorqueMap
         The mean of d over theta and theta_dot together.
     dependence : Dependence
-        The quantity that predicts d on other stretches of the log.
+        The quantity that predicts d on left-out stretches of the log.
     contacts : tuple of Contact
-        Stretches that no torque of the joint's state explains while the others fit: a hand, perhaps.
+        Stretches in which d is extreme for the state of the joint: a hand, perhaps.
     units : dict
         The units of "theta", "theta_dot", "torque" and "time" for the model's plant.
     converged : bool
-        Whether the smoothed motion came to rest.
+        Whether the iteration of the smoothed motion converged.
     """
 
     records: tuple[Followed, ...]
@@ -154,18 +151,18 @@ class ResidualTorque:
 
     @property
     def share(self) -> float:
-        """RMS of d as a share of the drive's; infinite for a free swing."""
+        """RMS of d as a share of the drive torque's; infinite for a free swing."""
         return self.rms / self.drive if self.drive > 0.0 else math.inf
 
     @property
     def restless(self) -> bool:
-        """Whether d has no memory beyond a few samples and nothing predicts it: a vibration, perhaps."""
+        """Whether d is correlated over a few samples only and no quantity predicts it: a vibration, perhaps."""
         first = self.records[0]
         return self.depends_on == ("time",) and 4.0 * float(first.t[1] - first.t[0]) > self.T
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """What d depends on: some of "theta", "theta_dot", "torque", "time", "history"; () where there is none."""
+        """What d depends on: some of "theta", "theta_dot", "torque", "time", "history"; () if no torque is needed."""
         return self.dependence.depends_on if self.present else ()
 
     def over(self, name: str) -> Binned:
@@ -177,7 +174,7 @@ class ResidualTorque:
         return self.binned[name]
 
     def to_dict(self, series: bool = True) -> dict[str, Any]:
-        """Plain data, ready for JSON, None in bins without samples; `series`: with d over time."""
+        """Plain data, ready for JSON, with None in bins without samples; `series` adds d over time."""
         others = {
             "unit": self.units["torque"],
             "predicts": self.dependence.shares,
@@ -190,7 +187,7 @@ class ResidualTorque:
 
     @property
     def sentence(self) -> str:
-        """How large it is and what it depends on."""
+        """A sentence on how large d is and what it depends on."""
         what, unit = quantity("torque", self.units), self.units["torque"]
         if not self.present:
             return f"No {what} beyond the model is visible; one of {self.s:.2g} {unit} rms would be."
@@ -204,27 +201,27 @@ class ResidualTorque:
 
 
 def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> ResidualTorque:
-    """The torque d(t) beyond a model, constant over an interval, that makes the model follow the records.
+    """Find the torque d(t) that has to act beyond a model, constant over each interval, to produce the records.
 
         x_(k+1) = F(x_k, drive_k + d_k),   y_k = h(x_k) + noise of the sensor's sd
 
-    d is a stationary Gaussian process whose size and correlation time make the log likeliest. The cost is linear in the
-    samples.
+    d is a stationary Gaussian process with the size and the correlation time that make the log likeliest. The cost is
+    linear in the samples.
 
     Parameters
     ----------
     model : Model
-        No number of it is touched.
+        The model as it is; no number of it is fitted.
     records : sequence of Record
         At least one rollout.
     sensor : Sensor
-        Noise of the readings. Where they hold vibrations that no rigid joint has, the sd of the readings about a fit
-        of the model is the better one.
+        Noise of the readings. If they hold vibrations that no rigid joint has, better give the sd of the readings about
+        a fit of the model.
 
     Returns
     -------
     ResidualTorque
-        The torque over time with its sd, its means over what it may depend on, and what it depends on.
+        The torque over time with its sd, its means over several quantities, and the quantity that it depends on.
 
     Raises
     ------
@@ -235,10 +232,8 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
 
 
 def followed(samples: Samples, model: Model) -> Fit:
-    """The fit in which only the size and the correlation time of the random torque are found.
-
-    Raises InvalidInput for a model that runs away within one sample.
-    """
+    """Fit only the size and the correlation time of the random torque beside a model; raises InvalidInput if the model
+    runs away within one sample."""
     prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
     begun = fit_parameters(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
@@ -250,7 +245,7 @@ def followed(samples: Samples, model: Model) -> Fit:
 
 
 def torque_of(found: Fit) -> ResidualTorque:
-    """The answer that a fit holds."""
+    """The residual torque of a fit, in numbers over time, over quantities and over states."""
     samples, inertia = found.samples, found.inertia
     present = not found.undisturbed
     filter = found.filter if present else found.linearised.system.filter(_largest(found))
@@ -277,7 +272,7 @@ def torque_of(found: Fit) -> ResidualTorque:
 
 
 def needed_disturbances(base: Fit) -> Disturbances:
-    """The likeliest random torque beside a fitted model, at the correlation time under which models are compared."""
+    """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME."""
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     likely = base.linearised.system.filter(prior)
     for _ in range(6):
@@ -288,11 +283,8 @@ def needed_disturbances(base: Fit) -> Disturbances:
 
 
 def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
-    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s, nan at a record's ends; as
-    it is where no record is so long.
-
-    Several models compare where the `disturbances` are the same: those that the model as it came needs.
-    """
+    """The torque (M,) [N m] that the log needs beside a fitted model, made `slow` unless all records are too short.
+    Models are compared under the same `disturbances`, those that the model as it came needs."""
     held = replace(QUICK, sizes=False)
     smoothed = fit_parameters(found.samples, found.model, (), found, disturbances, held)
     torque = found.inertia * smoothed.motion.d
@@ -301,7 +293,7 @@ def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
 
 
 def _largest(found: Fit) -> Disturbances:
-    """The largest random torque that the log does not rule out: the deviance is 1.645^2 above that without any."""
+    """The largest random torque that the log does not rule out: its deviance is 1.645^2 above that without any."""
     from scipy.optimize import brentq
 
     system = found.linearised.system
@@ -320,14 +312,14 @@ def _largest(found: Fit) -> Disturbances:
 
 @dataclass(frozen=True, eq=False)
 class _Means:
-    """Means of d [N m] over groups of intervals, with their posterior sd."""
+    """Computes means of d [N m] over groups of intervals, with their posterior sd."""
 
     found: Fit
     filter: Filter
     d: Array
 
     def of(self, group: NDArray[np.intp], groups: int) -> tuple[Array, Array, NDArray[np.intp]]:
-        """mean, sd and count (groups,) over the intervals of each; nan where there is none."""
+        """Mean, sd and count (groups,) over the intervals of each group; nan for an empty one."""
         inside = self.found.samples.follows
         count = np.bincount(group[inside], minlength=groups)
         shares = (group[:, None] == np.arange(groups)) * inside[:, None] / np.maximum(count, 1)
@@ -336,7 +328,7 @@ class _Means:
         return mean, sd, count
 
     def sd_of_slow(self, places: int = 24) -> float:
-        """Median posterior sd of d without what is faster than a hand, from a few places."""
+        """The median, over a few places of the log, of the posterior sd of d made `slow`."""
         samples = self.found.samples
         at = np.linspace(0, len(samples) - 1, places + 2).astype(int)[1:-1]
         once = (np.arange(len(samples))[:, None] == at).astype(float)
@@ -345,13 +337,13 @@ class _Means:
         return self.found.inertia * float(np.median(sd)) if len(sd) else math.inf
 
     def over(self, name: str, values: Array) -> Binned:
-        """Over one quantity (M,)."""
+        """The means in bins of one quantity (M,)."""
         plant = self.found.model.plant
         edges = _edges(name, values[self.found.samples.follows], plant.turns)
         return Binned(name, plant.quantities[name], edges, *self.of(_bin(values, edges), _BINS))
 
     def map(self, theta: Array, theta_dot: Array) -> TorqueMap:
-        """Over the states."""
+        """The means in cells of the states."""
         inside = self.found.samples.follows
         cut = [np.linspace(*_spread(v[inside]), n + 1) for v, n in zip((theta, theta_dot), _CELLS, strict=True)]
         cell = _bin(theta, cut[0]) * _CELLS[1] + _bin(theta_dot, cut[1])
@@ -365,11 +357,11 @@ def _edges(name: str, values: Array, turns: bool) -> Array:
 
 
 def _spread(values: Array) -> tuple[float, float]:
-    """Where all but the rarest values lie."""
+    """The range of all but the rarest values."""
     low, high = np.quantile(values, [0.002, 0.998])
     return float(low), max(float(high), float(low) + 1e-6)
 
 
 def _bin(values: Array, edges: Array) -> NDArray[np.intp]:
-    """The bin (M,) of each value, the outer ones for what is beyond."""
+    """The bin (M,) of each value; values beyond the edges belong to the outer bins."""
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)

@@ -1,4 +1,4 @@
-"""The search: from a model and a log to the effects that pay, one addition at a time."""
+"""The search: from a model and a log to the effects that are missing, one addition at a time."""
 
 from __future__ import annotations
 
@@ -39,10 +39,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate that was fitted: one effect or several, and the fit with them.
-
-    merit   decrease of the deviance beyond what the effects have to pay
-    """
+    """A candidate, one effect or several, with its fit; merit is its `gain` of the deviance less its price."""
 
     effects: tuple[str, ...]
     fit: Fit
@@ -53,8 +50,9 @@ class Trial:
 class Addition:
     """An effect that was added.
 
-    same    effects that this log cannot tell from it, whatever their sizes; close: that explain it about as well
-    p_value of the likelihood ratio when it was added
+    same     effects that this log cannot tell from it, whatever their sizes
+    close    effects that explain the log about as well
+    p_value  of the likelihood ratio when it was added
     """
 
     name: str
@@ -65,10 +63,13 @@ class Addition:
 
 @dataclass(eq=False)
 class Search:
-    """Forward over effects and composites of them, backward after every addition.
+    """A stepwise search: forward over effects and composites of them, backward after every addition.
 
-    effects   which of the catalogue may be used (None: all)
-    stages    the additions, and the fit with them, at the end of each round
+    effects      names of the effects that may be used (None: the whole catalogue)
+    trials       the candidates that were fitted in the first round
+    first, last  score tests in the first round and in the last one
+    negligible   effects that pay and do not matter
+    stages       additions and fit at the end of each round
     """
 
     records: Sequence[Record]
@@ -84,8 +85,8 @@ class Search:
     left: dict[tuple[Fit, float], PredictionErrors] = field(default_factory=dict)
 
     def run(self, model: Model, names: Sequence[str], helped: Fit | None = None) -> tuple[Fit, Fit]:
-        """The fit of the model as it came, and the one at the end of the loop; begun at a first fit beside common
-        effects, by default the one that a regression leads to."""
+        """Run the search, and return the fit of the model as it came and the final fit. The search begins at `helped`,
+        a first fit beside common effects; by default at the one that a regression leads to."""
         logger.debug("fitting the model as it came")
         if helped is None:
             helped = first_fits(Samples(model, self.records, self.sensor), model, names)[0]
@@ -118,7 +119,7 @@ class Search:
             same = {a.name for a in self.additions} == before
             if chosen is None or (same and not before):
                 break
-            if same:  # and led to a better fit of the others
+            if same:  # what was added was pruned again, but left a better fit of the others
                 self.stages.pop()
             elif any({a.name for a in own} == {a.name for a in self.additions} for own, _ in self.stages):
                 self.last = scores(now, self.effects)
@@ -131,10 +132,10 @@ class Search:
     # candidates ----------------------------------------------------------------------------------------------
 
     def _trials(self, now: Fit) -> list[Trial]:
-        """The candidates that promise most, fitted, best first; common effects always, where d may hide them.
+        """Fit the candidates of the largest expected merit; and, if a random torque may hide them, common effects.
 
-        Where one of them leaves nothing to explain, what refines it and promises less is not tried, nor what d may
-        hide.
+        If one of them leaves nothing to explain, refinements of it that promise less are not tried, nor are hidden
+        effects. The simpler forms of a refinement are fitted, too.
         """
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
         promise, least = self._promise(), self.settings.share
@@ -154,13 +155,13 @@ class Search:
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _promise(self) -> dict[str, float]:
-        """What each effect that the readings show is expected to bring, by its score, the largest first."""
+        """The expected merit of each visible effect (its score less its price), the largest first."""
         promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in self.last.items() if s.visible}
         return dict(sorted(promise.items(), key=lambda own: own[1], reverse=True))
 
     def _others(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
-        """What promises less than the first trials did, where these did not keep their promise, and refines nothing
-        that is there: of that what predicts left-out stretches better by more than chance."""
+        """Fit effects of smaller expected merit, but no refinements of present ones, after the first trials kept less
+        than they promised. Returned are those that predict left-out stretches better by more than chance."""
         known, present = {t.effects for t in trials}, {e.name for e in now.model.effects}
         tried = list(trials)
         names = [n for n, own in self._promise().items() if own > 0.0 and (n,) not in known]
@@ -171,7 +172,7 @@ class Search:
         return sorted(better, key=lambda t: t.merit, reverse=True)
 
     def _common(self, now: Fit, helped: Fit) -> list[Trial]:
-        """Friction and offset as the first fit found them: a machine that they rule shows nothing without them."""
+        """Trials with the first fit's friction and offset: where these dominate, nothing else shows without them."""
         names = tuple(e.name for e in helped.model.effects if e.name not in {own.name for own in now.model.effects})
         if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
             return []
@@ -187,8 +188,8 @@ class Search:
         return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
     def _simulated(self, now: Fit) -> list[Trial]:
-        """What explains a simulation's errors best: beside a large random torque a motion follows its readings
-        wherever they go, and nothing is left for a sensor that reads wrong."""
+        """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
+        large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
         share = self.settings.quiet
         quiet = replace(now.disturbances, s=share * now.disturbances.s, sigma_o=share * now.disturbances.sigma_o)
         simulated = fit_parameters(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
@@ -199,11 +200,11 @@ class Search:
             begin = [score.best.at(score.sizes)]
             self._try(now, (score.name,), tried, begin, simulated)
             if all(t.effects != (score.name,) or t.merit <= 0.0 for t in tried):
-                self._try(now, (score.name,), tried, begin)  # such a quiet fit may have lost its way
+                self._try(now, (score.name,), tried, begin)  # a fit from the simulation may have lost its way
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _composites(self, now: Fit) -> list[Trial]:
-        """Effects that come together, where none pays alone."""
+        """Trials of effects that come together and may not pay alone."""
         tried: list[Trial] = []
         for composite in self.settings.composites:
             new = tuple(n for n in composite if n in self.last and self.last[n].visible)
@@ -212,7 +213,8 @@ class Search:
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
-        """Fit the preferred of the effects that the log cannot tell from one, or where its bounds hold it, that one."""
+        """Fit an effect by the preferred member of its class, the effects that the log cannot tell from it; and, while
+        a member's fit ends at a bound, by the next one. The effect itself is the last."""
         own = self.last[name]
         alike = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
         for chosen in (*alike, name):
@@ -226,7 +228,7 @@ class Search:
         return a.name == b.name or alikeness(a, b) > self.settings.same
 
     def inseparable(self, name: str) -> tuple[str, ...]:
-        """The effects that the log could not tell from one before any was added, whatever their sizes."""
+        """The effects that the log cannot tell from this one in the first round, whatever their sizes."""
         own = self.first[name]
         others = {n: s for n, s in self.first.items() if n != name and s.visible and len(s.sizes) == len(own.sizes)}
         return tuple(n for n, s in others.items() if self._same(s, own))
@@ -239,8 +241,8 @@ class Search:
         begin: Sequence[Effect] | None = None,
         near: Fit | None = None,
     ) -> None:
-        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other, that
-        runs away, or that most readings cannot be compared with, is no candidate."""
+        """Fit with these effects, beginning where the fit `near` ended, and append the trial to `tried`. It is no
+        candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings."""
         logger.debug(f"fitting {' and '.join(names)}")
         try:
             start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
@@ -252,7 +254,7 @@ class Search:
             tried.append(Trial(names, found, merit))
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
-        """The effect at the size that its score promises, or where it is one of several, a small one."""
+        """The effect at the size that its score predicts, or at a small size if it is one of several."""
         score = self.last[name]
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
@@ -270,8 +272,8 @@ class Search:
         among: Sequence[Trial],
         but: Collection[tuple[str, ...]],
     ) -> Trial | None:
-        """The best `among` the trials, `but` for some effects, that pays, predicts left-out stretches no worse, and
-        matters."""
+        """The best trial `among` these, without those in `but`, that pays, predicts left-out stretches no worse, and
+        matters. Another that is `nearly` as good is chosen if it predicts better by more than chance."""
         ranked = [t for t in among if t.merit > 0.0 and t.effects not in but]
         if not ranked:
             return None
@@ -296,13 +298,13 @@ class Search:
         return first
 
     def _predicts_better(self, before: Fit, after: Fit) -> bool:
-        """Whether left-out stretches are predicted better by more than chance: where the model lacks more than one
-        effect, likelihood alone does not tell which of two that explain about as much it is."""
+        """Whether left-out stretches are predicted better by more than the standard error. If the model lacks several
+        effects, likelihood alone does not decide between two candidates that explain about as much."""
         better, sd = self._left_out_gain(before, after)
         return math.isfinite(better) and better > sd
 
     def _beats_its_simpler_forms(self, trial: Trial, trials: Sequence[Trial]) -> bool:
-        """Whether a refinement predicts left-out stretches better than what it refines, and by what matters."""
+        """Whether a refinement predicts left-out stretches better than its simpler forms do, by enough to matter."""
         simpler = {frozenset(own) for name in trial.effects for own in CATALOGUE[name].refines}
         return all(
             self._predicts(other.fit, trial.fit) and matters(other.fit.model, trial.fit, self.settings)
@@ -311,7 +313,7 @@ class Search:
         )
 
     def _recurs(self, trial: Trial) -> bool:
-        """Whether a pattern comes back as often as it takes to believe in one, in some record."""
+        """Whether a periodic pattern comes back often enough to be believed, in at least one record."""
         samples = trial.fit.samples
         rows = [slice(a, b) for a, b in zip(samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)]
         for e in trial.fit.model.effects:
@@ -322,24 +324,24 @@ class Search:
         return True
 
     def _predicts(self, before: Fit, after: Fit) -> bool:
-        """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
-        likelihood alone believes too much there."""
+        """Whether left-out stretches are predicted better, or if the model needs no random torque any more, no worse.
+        Beside a random torque likelihood alone believes too much."""
         better, sd = self._left_out_gain(before, after)
         return math.isfinite(better) and better > (-sd if after.undisturbed else 0.0)
 
     def _left_out_gain(self, before: Fit, after: Fit) -> tuple[float, float]:
-        """How much better left-out stretches are predicted, with its standard error, over the same windows."""
+        """How much better left-out stretches are predicted over the same windows, with the standard error."""
         lead = max(lead_of(before.model), lead_of(after.model))
         return self.left_out(after, lead).gain(self.left_out(before, lead))
 
     def left_out(self, own: Fit, lead: float) -> PredictionErrors:
-        """The errors on left-out stretches; those of a round are asked for several times."""
+        """The errors on left-out stretches; they are kept for a round, which needs them several times."""
         if (own, lead) not in self.left:
             self.left[own, lead] = left_out_errors(own, self.settings.ahead, self.settings.blocks, lead)
         return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
-        """The commoner effects that explain the log as well as the best one, begun where that ended."""
+        """Trials of commoner effects that explain the log about as well as the best trial, begun where that ended."""
         if len(best.effects) != 1:
             return []
         name = best.effects[0]
@@ -380,7 +382,7 @@ class Search:
         return settled(chosen.fit)
 
     def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
-        """The effects with which the log is as likely, to a difference that no log of this kind would change."""
+        """The effects, `alike` the chosen one, with which the log is as likely up to a difference below `twin`."""
         own = self.last[chosen.effects[0]]
         return tuple(
             t.effects[0]
@@ -391,8 +393,11 @@ class Search:
         )
 
     def _pruned(self, now: Fit) -> Fit:
-        """Without the additions that have no size, the rarest first and of these the smallest, and those that no longer
-        pay or matter beside others: of these the one whose loss is least beside what it costs."""
+        """Drop additions one at a time, then try simpler forms of those that are left.
+
+        First those without a size go, the rarest before others and then the smallest. Then those go that no longer pay
+        or matter beside the others, beginning with the one that loses least beyond its price.
+        """
         while self.additions:
             size = {a.name: squared_size(now, a.name) for a in self.additions}
             order = sorted(self.additions, key=lambda a: (-CATALOGUE[a.name].rarity, size[a.name]))
@@ -411,13 +416,12 @@ class Search:
         return self._simplified(now)
 
     def _needless(self, name: str, now: Fit, without: Fit) -> bool:
-        """Whether an effect does not pay beside the others, or does not matter."""
+        """Whether an effect does not pay or does not matter beside the others."""
         loses = gain(now, without, (name,)) - price(name, self.settings.price)
         return loses < 0.0 or not matters(without.model, now, self.settings)
 
     def _simplified(self, now: Fit) -> Fit:
-        """With the simpler form of each refinement that no longer beats it, or is no longer plausible, now that others
-        stand beside both."""
+        """Replace refinements that, beside later additions, no longer beat their simpler form or are not plausible."""
         for addition in list(self.additions):
             present = {e.name for e in now.model.effects}
             for simpler in CATALOGUE[addition.name].refines:
@@ -427,7 +431,7 @@ class Search:
                 logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
                 without = reduced(now, addition.name)
                 other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
-                if not is_determined(other, now, ()):  # the other numbers absorb it
+                if not is_determined(other, now, ()):  # other numbers of the model absorb the simpler form
                     continue
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
                 shared = {field for n in simpler for field in effect(n).parameters}
@@ -446,7 +450,7 @@ class Search:
         return now
 
     def _in_place_of(self, refined: str, simple: str, now: Fit) -> Effect:
-        """A simple effect begun at the numbers that it shares with what refines it, else as a small one."""
+        """A simple effect at the numbers of its refinement if that has them all, else at a small size."""
         own = next(e for e in now.model.effects if e.name == refined).parameters
         if set(effect(simple).parameters) <= set(own):
             return effect(simple, **{k: float(own[k].value) for k in effect(simple).parameters})

@@ -1,4 +1,4 @@
-"""Search settings: what an effect has to show before it is added, as numbers with their reasons."""
+"""Search settings: the thresholds that an effect has to pass before it is added, with their reasons."""
 
 from __future__ import annotations
 
@@ -8,47 +8,47 @@ from sysid.errors import InvalidInput
 from sysid.estimation.prediction import BLOCKS, WINDOW
 
 SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
-"""Seconds ahead for which predictions can be asked."""
+"""Shortest and longest horizon [s] that can be asked for."""
 
 
 @dataclass(frozen=True)
 class SearchSettings:
     """What counts as evidence, and what counts as large enough to matter.
 
-    price          decrease of the deviance (-2 log likelihood) that each number of an effect has to pay for: beyond 3
-                   it is nothing that noise does in more than 1 of 12 logs
-    tolerance      share by which an effect has to lower the error of predictions, to matter
-    noise_share    change of predictions, in units of the sensor noise, below which nothing matters
-    horizon        how far ahead predictions have to be right [s], where it can be foreseen (`foreseeable`); None: so
-                   far that they tell of the machine (`telling_horizon`)
-    steps          additions, at most
-    trials         single effects that a round fits for their promise at first, at most; as many again where none pays
-    share          share of the largest promise that another has to promise to be tried at first
-    nearly         share of the merit of the best trial from which another is chosen for its better predictions
-    quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
-    simulated      candidates that are fitted then, at most
-    sure           squared size of each number of an effect, in units of its variance, from which it is no accident: two
-                   standard deviations
-    clear          the same from which nobody asks whether the effect could be left out: ten standard deviations
-    same           alikeness from which two effects are one to this log
-    alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
-    twin           difference of the deviance below which effects that much alike are one to this log, too: far from
-                   the fit their sensitivities differ a little, and what they explain does not
-    close          difference of the deviance below which two effects explain a log equally well, where they are also
-    rival          that much alike
-    enough         excess of the error of predictions over the noise, as a multiple of the noise, from which
-                   something that matters is still missing
-    worse          the error of held-out data over that of what was fitted to, from which something is missing that
-                   shows only where nothing was fitted; right models stay below 1.15
-    most           share of the missing torque that a function of one quantity has to explain, where what remains
-                   depends on that quantity still: it may be a part of anything
+    The alikeness of two effects is the cosine between their sensitivities (`alikeness`): 1 if a log shows both alike.
+
+    price          decrease of the deviance (-2 log likelihood) that an effect has to bring for each of its numbers:
+                   noise alone brings more than 3 in 1 of 12 logs
+    tolerance      an effect matters if it lowers the error of predictions by this share
+    noise_share    smallest change of predictions that matters, in units of the sensor noise
+    horizon        how far ahead [s] predictions have to be right, at most as far as is `foreseeable`; None: as far as
+                   they tell of the machine (`telling_horizon`)
+    steps          most additions
+    trials         most single effects that a round fits at first; as many others again if none of these pays
+    share          least expected gain of an effect that is fitted at first, as a share of the largest expected gain
+    nearly         least merit of a trial that is chosen for its better predictions, as a share of the best merit
+    quiet          share of the disturbances beside which the model is simulated if no effect pays otherwise
+    simulated      most candidates that are fitted after that simulation
+    sure           least squared size of an effect, per number and in units of its variance: two standard deviations
+    clear          squared size from which leaving the effect out is not tried: ten standard deviations
+    same           alikeness from which two effects are the same to this log
+    alike          alikeness from which telling two effects apart takes 100 times the evidence of finding one
+    twin           difference of the deviance below which effects that are `alike` are the same to this log, too: where
+                   the fit is far from the truth, their sensitivities differ a little, but what they explain does not
+    close          difference of the deviance below which two effects explain a log equally well, if they are also
+    rival          at least so much alike
+    enough         error of predictions beyond the noise, as a multiple of the noise, from which something that matters
+                   is still missing
+    worse          ratio of the held-out error to that of what was fitted, from which something is missing that shows
+                   only in held-out data; right models stay below 1.15
+    most           least share of the missing torque that a function of one quantity has to explain if what remains
+                   depends on that quantity, too: it could be a part of something unknown
     recurrences    how often a ripple or a periodic torque has to come back within a record
-    blocks         stretches of the log that are left out in turn when a candidate is validated
-    samples        samples of a log that are searched, at most, spread over it: more would make intervals narrower, and
-                   take minutes
-    always         effects that are fitted in every round of a log with a random torque, which may hide them
-    composites     effects that come together and of which none may pay alone; what does not pay beside the others is
-                   dropped again
+    blocks         number of stretches that are left out in turn in the cross-validation of a candidate
+    samples        most samples of a log that are searched, spread over it: with more, intervals would be narrower, but
+                   a search would take minutes
+    always         effects that are fitted in every round in which a random torque is needed, since it may hide them
+    composites     effects that come together and may not pay alone; what does not pay beside the others is dropped
 
     Raises InvalidInput for a tolerance or a horizon out of range.
     """
@@ -103,7 +103,7 @@ class SearchSettings:
 
     @property
     def ahead(self) -> float:
-        """The horizon [s], where none is asked for a second."""
+        """The horizon [s]; a second if none is asked for."""
         return WINDOW if self.horizon is None else self.horizon
 
 

@@ -1,4 +1,4 @@
-"""Whiteness: whether what a filter's predictions leave of the readings is noise without memory."""
+"""Whiteness: a test of whether a filter's innovations are white noise, as those of a right model are."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
 
 _UNKNOWN = 1e4
-"""Variance of a prediction, in units of the noise's, above which the readings before say nothing of a reading."""
+"""Variance of an innovation, in units of the noise's, above which it was not predicted from earlier readings at all."""
 _MOST_LAGS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """Autocorrelation r (M,) of one channel's innovations at lags 1 ... M [samples], whose 99 % band is +- band (M,).
+    """The autocorrelation r (M,) of one channel's innovations w at lags 1 ... M [samples], with its 99 % band (M,).
 
     r_i = (mean of w_k w_(k+i)) / (mean of w_k^2),   Q = sum n_i r_i^2 ~ chi2_M    with n_i pairs of readings
 
-    p_value is that of Q (Ljung and Box, Biometrika 65 (1978) 297, with the pairs that there are).
+    p_value belongs to Q (Ljung and Box, Biometrika 65 (1978) 297, with the number of pairs that there are).
     """
 
     lags: Array
@@ -33,12 +33,12 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
-        """Whether Q lies within what 99 of 100 white sequences show."""
+        """Whether Q is no larger than for 99 of 100 white sequences."""
         return self.p_value >= 0.01
 
 
 def whiteness(found: Fit) -> dict[str, Whiteness]:
-    """Of the filter's innovations, by channel that has at least 20 of them."""
+    """The whiteness of the filter's innovations, for each channel with at least 20 of them."""
     filter, follows = found.filter, found.samples.follows
     known = np.any(found.linearised.system.H != 0.0, axis=2) & (filter.log_variances < math.log(_UNKNOWN))
     w = np.where(known, filter.innovations, np.nan)
@@ -51,7 +51,7 @@ def whiteness(found: Fit) -> dict[str, Whiteness]:
 
 
 def _autocorrelation(sequences: list[Array]) -> Whiteness:
-    """Of sequences, nan where there is no innovation; pairs lie within one sequence."""
+    """The whiteness of sequences of innovations, nan where there is none; no pair reaches from one into another."""
     power = float(np.nanmean(np.concatenate(sequences) ** 2))
     lags, correlation, pairs = list[int](), list[float](), list[int]()
     for i in range(1, _MOST_LAGS + 1):

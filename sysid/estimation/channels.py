@@ -1,4 +1,4 @@
-"""Channels: which of a log's readings a fit relies on."""
+"""Channels: whether a fit relies on the readings of the speed."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 
 COMPARED_OVER = 0.1
-"""Time [s] over which a speed is compared with what the angle's readings say of it."""
+"""Time [s] over which the speed is compared with the slope of the angle's readings."""
 LARGEST_ERROR = 2.0
-"""A speed whose mean over that time errs so many times as much as the angle's slope tells a fifth of what is known."""
+"""Error of the speed's mean over that time, in units of the slope's: at 2 it holds a fifth of what is known."""
 LARGEST_MISFIT = 3.0
-"""Mean square of what a speed's integral misses of the angle's change, in units of what their noises explain."""
+"""Mean square by which the integral of a true speed misses the angle's change at most, over what the noises explain."""
 LARGEST_CORRELATION = 1.15
-"""A speed whose errors are that much larger in all than from sample to sample was filtered with them."""
+"""Ratio of a speed's errors in all to those from sample to sample from which the errors were filtered, too."""
 LARGEST_OFFSET = 15.0
-"""A filtered speed that is off by that many sd (RMS) leads a search astray that does not know of the filter yet."""
+"""RMS error [sd] by a filter's lag from which a speed leads a search astray, which does not know of the filter yet."""
 
 
 def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor:
-    """The sensor without a speed that tells little beside the angle, or that is not the angle's speed.
+    """The sensor, without its speed if that tells little beside the angle or is not the angle's speed.
 
-    A drive's speed is often filtered and late, and no white noise describes its error: over spans of 0.1 s its integral
-    is compared with the change of the angle, which needs no model. What is worth a fifth is not worth that risk. Where
-    the model has an effect of the speed's sensor, the speed stays; also where it is that of a first-order filter and
-    its error is white (it was rounded, or sent, behind the filter): that is an effect that a model can have.
+    A drive's speed is often filtered and late, and then no white noise describes its error. A speed that holds less
+    than a fifth of what is known of the motion is not worth that risk. Any other has to integrate to the change of the
+    angle over spans of 0.1 s, a test that needs no model. If it fails, the speed stays only if it is the output of a
+    first-order filter with white errors (it was rounded, or sent, behind the filter): a model can have that effect.
+    Where the model has an effect of a sensor, the speed always stays.
     """
     if sensor.theta is None or sensor.theta_dot is None or model.output_effects:
         return sensor
@@ -54,16 +55,16 @@ def found_sensor(model: Model, records: Sequence[Record]) -> Sensor:
 
 
 def _angle_sd(records: Sequence[Record], sensor: Sensor) -> float:
-    """RMS of what the angle's readings err by, that of their stamps with it."""
+    """The RMS error of the angle's readings, with the part that comes of their time stamps."""
     variances = [own.sd**2 for r in records for own in sensor.readings(r) if own.channel == "theta" and r.has_angles]
     return math.sqrt(float(np.mean(np.concatenate(variances)))) if variances else float(sensor.theta or 0.0)
 
 
 def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -> tuple[float, float]:
-    """How much more the speed's integral misses than both noises explain; offset and scale of the speed are no miss.
+    """The mean square by which the speed's integral misses the angle's change, over what both noises explain.
 
-    Nor is, where it may be `filtered`, what a first-order filter w of time constant T leaves out, which is off by
-    T w_dot: by how many sd (RMS) comes second.
+    An offset and a scale of the speed are fitted first. A `filtered` speed may be the output w of a first-order filter,
+    whose time constant T is fitted, too; the second number is the RMS of its error T w_dot in sd.
 
         T w_dot = theta_dot - w,    int w dt = theta(t_1) - theta(t_0) - T (w(t_1) - w(t_0))
     """
@@ -89,7 +90,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
 
 
 def _white(records: Sequence[Record]) -> bool:
-    """Whether the speed's errors are as large from sample to sample (in their sixth differences) as they are in all."""
+    """Whether the speed's errors are white: as large from sample to sample (in their sixth differences) as in all."""
     try:
         in_all = sensor_noise([replace(r, theta=None) for r in records]).sensor.theta_dot or math.inf
     except InvalidInput:  # too few readings

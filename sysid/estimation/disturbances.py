@@ -1,4 +1,4 @@
-"""Disturbances: what acts beside a model, and what shows in its readings beside white noise."""
+"""Disturbances: the random torque beside a model, and the error of the angle beside white noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from sysid.physics.ops import Array
 
 MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Correlation times [s] of d of which the likeliest is told."""
+"""Correlation times [s] of d that are tried; the likeliest is reported."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Disturbances:
         o:  error of the angle reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
             rounding at slow speed, stamps that jitter, a vibration of the structure
 
-    Both are Ornstein-Uhlenbeck processes, x(t + dt) = exp(-dt / T) x(t) + w. d accumulates in the motion and o does
-    not, so that d takes what is slow and o what is fast. With s = sigma_o = 0 the fit is that of output error.
+    Both are Ornstein-Uhlenbeck processes, x(t + dt) = exp(-dt / T) x(t) + w. Since d accumulates in the motion and o
+    does not, d explains slow errors and o fast ones. With s = sigma_o = 0 a fit is that of output error.
 
     Source: Kristensen, Madsen, Jorgensen, Automatica 40 (2004) 225, for d (stochastic grey-box models).
     """
@@ -33,11 +33,11 @@ class Disturbances:
     T_o: float = 0.1
 
     def moved(self, step: Array) -> Disturbances:
-        """The same with s and sigma_o times exp(step) (2,)."""
+        """The same with s and sigma_o multiplied by exp(step) (2,)."""
         return Disturbances(self.s * math.exp(step[0]), self.T, self.sigma_o * math.exp(step[1]), self.T_o)
 
     def with_memory(self, T: float) -> Disturbances:
-        """The same with d of another correlation time [s], which changes as much from sample to sample."""
+        """The same with another correlation time T [s] of d; s is such that d changes as much from sample to sample."""
         return replace(self, s=self.s * math.sqrt(T / self.T), T=T)
 
     def discrete(self, dt: float) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Estimate: the answer of every identifier: a fitted model with honest numbers."""
+"""Estimate: the answer of every identifier, a fitted model with its uncertainty."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ TOLD = (
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What an identifier found: a fitted model with honest numbers.
+    """A fitted model with its uncertainty, as every identifier returns it.
 
     Attributes
     ----------
     model : Model
-        The same model holding the fitted numbers.
+        The model with the fitted numbers.
     names : tuple of str
-        The P fitted parameters.
+        The names of the P fitted parameters.
     covariance : array (P, P)
-        Of the fitted parameters, in their units.
+        The covariance of the fitted parameters, in their units.
     noise : dict
-        The sd of the readings about the fit (of the unscented filter: about its predictions), by channel, in the
-        plant's units.
+        The sd of the readings about the fit, by channel, in the plant's units; for the unscented filter it is that
+        about its predictions.
     success : bool
         Whether the numbers can be used.
     status : str
-        A sentence: how the fit ended and, where it ended badly, what to try.
+        A sentence on how the fit ended and, if it ended badly, what to try.
     cost : float
-        The sum of squares that was minimised, in units of the sensor's variance; nan where there is none.
+        The sum of squares that was minimised, in units of the sensor's variance; nan if there is none.
     n_readings : int
-        The readings that were used.
+        The number of readings that were used.
     method : str
         The identifier's name.
     sensor : Sensor or None
-        The sensor whose noise was assumed, where the identifier keeps it.
+        The sensor whose noise was assumed, if the identifier keeps it.
     random_torque, correlation_time : float
-        The sd of the random torque beside the model that the log asks for, in the plant's unit, and how long it
-        remembers [s]; 0: none.
+        The sd of the random torque that the log asks for beside the model, in the plant's unit, and its correlation
+        time [s]; 0 if it asks for none.
     """
 
     model: Model
@@ -78,15 +78,15 @@ class Estimate:
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Symmetric intervals that cover the truth with probability `level`, where the model is right."""
+        """Symmetric confidence intervals, which cover the truth with probability `level` if the model is right."""
         z = NormalDist().inv_cdf(0.5 + 0.5 * level)
         return {k: (v - z * self.sd[k], v + z * self.sd[k]) for k, v in self.values.items()}
 
     @property
     def ambiguous(self) -> tuple[str, ...]:
-        """What these records cannot tell: combinations with a sd above half their size."""
+        """What these records leave undetermined, in sentences: combinations whose sd is above half their size."""
         parameters = self.model.parameters
-        # a friction or a delay may well be nothing: its size is then no yardstick
+        # a friction or a delay may well be 0, and then its size cannot serve as the scale
         scale = np.array(
             [max(p.scale, 0.0 if p.neutral is None else 0.01) for p in map(parameters.get, self.names) if p]
         )
@@ -109,7 +109,7 @@ class Estimate:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """The fitted parameters that ended at a bound: nearer than a thousandth of their sd."""
+        """The fitted parameters that ended at a bound: less than a thousandth of their sd from it."""
         parameters, sd, found = self.model.parameters, self.sd, []
         for name, value in self.values.items():
             near = 1e-6 * parameters[name].scale + (1e-3 * sd[name] if math.isfinite(sd[name]) else 0.0)
@@ -119,7 +119,7 @@ class Estimate:
 
     @property
     def units(self) -> dict[str, str]:
-        """The units of the fitted parameters and of the noise, in those of the plant."""
+        """The units of the fitted parameters and of the noise, for this plant."""
         parameters, unit = self.model.parameters, self.model.plant.unit
         fitted = {name: parameters[name].unit for name in self.names}
         return fitted | {channel: unit(UNITS.get(channel, "")) for channel in self.noise}

@@ -1,4 +1,4 @@
-"""First fit: a model fitted from far off, where its numbers may be wrong by any factor and friction may be missing."""
+"""First fit: a model fitted from far off, when its numbers may be wrong by any factor and friction may be missing."""
 
 from __future__ import annotations
 
@@ -16,24 +16,22 @@ from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 
 COMMON = ("viscous", "coulomb", "torque_bias")
-"""What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity."""
-
+"""Effects that a first fit adds to the plant, so that friction and an offset do not bend inertia and gravity."""
 ALIKE = 0.05
-"""Relative difference of two inertias up to which fits from two guesses have ended at one place."""
-
+"""Relative difference of two inertias up to which fits from two guesses have ended at the same optimum."""
 MEMORIES = (0.01, 0.1, 1.0)
-"""Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
+"""Correlation times [s] of the random torque that are tried: from nearly white to the length of a prediction."""
 
 
 def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
-    """The model fitted from far off: beside friction that it may lack, and then by itself; of several guesses where it
-    may begin, from the one that ends likeliest."""
+    """Fit a model from far off: first beside friction that it may lack, then by itself. Of several initial guesses, the
+    fit that ends likeliest counts."""
     fits = [without_common(helped, model, names) for helped in first_fits(samples, model, names)]
     return min(fits, key=lambda own: own.deviance)
 
 
 def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit]:
-    """The fits beside common effects from each guess of the numbers, those that end at another inertia."""
+    """The fits beside common effects from each initial guess, without those that end at the same inertia as another."""
     found: list[Fit] = []
     for guess in initial_guesses(model, names, samples.records, samples.sensor):
         helped = with_common(samples, guess, names)
@@ -43,7 +41,7 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
 
 
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
-    """The fit of a model, begun at a guess of its numbers, beside the friction and the offset that it may lack."""
+    """The fit of a model from an initial guess, beside the friction and the offset that it may lack."""
     names, given = tuple(names), {e.name for e in begun.effects}
     braked = begun.damping in names
     extent = samples.extent(begun)
@@ -59,18 +57,18 @@ def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
 
 
 def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
-    """The fit of the model by itself, begun at the numbers that it has beside friction and offset."""
+    """The fit of the model by itself, begun at the numbers that it has in a fit beside friction and offset."""
     plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
     likely = near.disturbances
     return fit_parameters(near.samples, plain, names, near, replace(likely, s=2.0 * likely.s))
 
 
 def with_best_memory(found: Fit) -> Fit:
-    """The fit under a random torque of the correlation time that is likeliest, or of one that predicts better.
+    """The fit with the correlation time T of the random torque that is likeliest, or with one that predicts better.
 
-    No Gaussian process is what a machine lacks. Where it lacks what is slow and now and then a jolt (a gear that
-    reverses), the likeliest is a slow torque, and numbers that suit the jolts. Predictions over a second tell which
-    numbers are the machine's: they have to be better by more than their standard error.
+    What a machine lacks is no Gaussian process. Where slow torques and rare jolts (a gear that reverses) are missing, a
+    slow random torque is likeliest, with parameters that suit the jolts. Cross-validated predictions over a second show
+    which parameters are the machine's: another T is taken if they are better by more than their standard error.
     """
     likely = with_likely_angle_error(found)
     fits = [fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
@@ -84,8 +82,8 @@ def with_best_memory(found: Fit) -> Fit:
 
 
 def _with_finer_memory(found: Fit) -> Fit:
-    """The fit under a correlation time between those that were tried, where that is likelier by more than chance: under
-    a wrong one the numbers are believed to answer for what is slow, or fast, and their intervals are too narrow."""
+    """The fit with a correlation time between those that were tried, if that is likelier by more than chance. With a
+    wrong one, slow or fast errors are blamed on the parameters, and their intervals are too narrow."""
     system, now = found.linearised.system, found.disturbances
     between = [T for T in (now.T / 3.0, now.T * 3.0) if MEMORIES[0] < T < MEMORIES[-1]]
     likely = maximum_likelihood(system, map(now.with_memory, between))

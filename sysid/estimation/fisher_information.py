@@ -1,4 +1,4 @@
-"""Fisher information: what readings tell of a model's parameters, whoever estimates them."""
+"""Fisher information: how exactly readings determine a model's parameters, whatever the estimator."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def fisher_information(
 
         F = Z'Z,    Z = d(whitened innovations) / dp
 
-    along the motion from those starts, without disturbances. Its inverse is the Cramer-Rao bound of every unbiased
-    estimate; the initial states count as unknown.
+    Z is taken along the motion from the given starts, without disturbances; the initial states count as unknown. The
+    inverse of F is the Cramer-Rao bound of every unbiased estimate.
 
     Parameters
     ----------

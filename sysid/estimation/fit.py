@@ -1,4 +1,4 @@
-"""fit: the short way from a log to a model with honest numbers."""
+"""fit: from a log to a fitted model with its uncertainty in one call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sysid.physics.parameters import Parameter
 
 
 def free(model: Model) -> tuple[str, ...]:
-    """What a fit leaves free where nothing is said: every parameter but those that are known, such as gravity."""
+    """The parameters that a fit frees by default: all but those that are known, such as gravity."""
     return tuple(name for name, p in model.parameters.items() if not p.known)
 
 
@@ -41,29 +41,29 @@ def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
 def fit(
     model: Model, records: Sequence[Record], sensor: Sensor | None = None, parameters: Sequence[str] | None = None
 ) -> Estimate:
-    """Fit a model to records by the prediction-error method, beside a random torque where the log asks for one.
+    """Fit a model to records by the prediction-error method, beside a random torque if the log asks for one.
 
         min_p  sum_k log det S_k + |e_k|^2,    e_k innovations whitened by their predicted covariance S_k
 
-    Where the model explains the log, this is output error over whole rollouts; where it lacks something, the random
-    torque takes that up, and intervals are as wide as what is missing makes them.
+    Where the model explains the log, this is output error over whole rollouts. Where the model lacks something, a
+    random torque stands for that, and the intervals are as wide as what is missing makes them.
 
     Parameters
     ----------
     model : Model
-        Where the fit begins; its numbers may be off by any factor.
+        The model at whose numbers the fit begins; they may be off by any factor.
     records : sequence of Record
         At least one rollout.
     sensor : Sensor, optional
-        Noise of the readings; by default found from the records without any model, and without a speed that tells
-        little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
+        Noise of the readings. By default it is found from the records without any model, and the speed is left out
+        where it tells little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
     parameters : sequence of str, optional
-        The names that are free; by default all but gravity.
+        The names of the free parameters; by default all but gravity.
 
     Returns
     -------
     Estimate
-        The fitted model with its covariance; `random_torque` says how much acts beside it.
+        The fitted model with its covariance; `random_torque` says how large a torque acts beside it.
 
     Raises
     ------
@@ -80,9 +80,9 @@ def fit(
 
 
 def _from_neutral(samples: Samples, model: Model, names: tuple[str, ...]) -> Fit:
-    """The fit of a model some of whose effects change nothing yet: each begins at the size that its score promises.
+    """The fit of a model of which some effects change nothing yet: each begins at the size that its score predicts.
 
-    At neutral a friction or a delay may have no slope to follow, and a limit at "never" has none at all.
+    At neutral a friction or a delay may have no slope to follow, and a limit that is never reached has none at all.
     """
     idle = [e for e in model.effects if e.idle and set(model.names_of(e.name)) <= set(names)]
     if not idle:

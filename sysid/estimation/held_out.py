@@ -1,4 +1,4 @@
-"""The error that is shown: how far a model is from readings, in units of the sensor noise, on rollouts it never saw."""
+"""Held-out error: how far a model is from readings of rollouts it never saw, in units of the sensor noise."""
 
 from __future__ import annotations
 
@@ -19,21 +19,19 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 LEAD = 1.0
-"""Unscored seconds before each window of a model whose sensors remember, or whose effects have states."""
-
+"""Unscored seconds before each window of a model whose sensors have a memory, or whose effects have states."""
 HEAD = 1.0
-"""Seconds of a long window from which its state is refitted first."""
-
+"""Length [s] of the head of a long window to which its state is refitted first."""
 REFITS = 16
-"""Linearisations at most while the windows' states are refitted; a good model takes three."""
-
+"""Most linearisations while the windows' states are refitted; a good model takes three."""
 NEGLIGIBLE = 1e-3
-"""A decrease of half a window's sum of squares, in units of the noise or of ten times that sum, that ends its refit."""
+"""A window's refit ends when a step lowers its cost, half the sum of squares, by less than this times the larger of 1
+and a tenth of the cost."""
 
 
 @dataclass(frozen=True)
 class WindowError:
-    """The error of one window: the record's name, from `begin` to `end` [s], and its multiple of the sensor noise."""
+    """The error of one window, from `begin` to `end` [s] of a record, as a multiple `ratio` of the sensor noise."""
 
     record: str
     begin: float
@@ -43,13 +41,13 @@ class WindowError:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutError:
-    """RMS of readings less model over windows of `window` [s], the state of each window refitted.
+    """RMS of readings less model over windows of `window` [s], after the initial state of each window is refitted.
 
         ratios[c] = sqrt(sum e_c^2 / sum (1 - h_c)),   e whitened, h the leverage of the refitted state
 
-    over the readings of channel c, so that a perfect model gets 1.0 in expectation at any sample rate; `ratio` over
-    all readings. theta [rad] and theta_dot [rad/s] are ratios times sensor noise (None: not measured), in
-    the plant's `units`. `windows` are in the log's order.
+    The sums go over the readings of channel c, those of `ratio` over all readings. A perfect model gets 1.0 in
+    expectation at any sample rate. theta [rad] and theta_dot [rad/s] are the RMS in the plant's `units` (None: not
+    measured). `windows` are in the log's order.
     """
 
     window: float
@@ -63,7 +61,7 @@ class HeldOutError:
 
     @property
     def n_windows(self) -> int:
-        """How many windows were scored."""
+        """The number of windows."""
         return len(self.windows)
 
     @property
@@ -73,7 +71,7 @@ class HeldOutError:
 
     @property
     def beyond_noise(self) -> bool:
-        """Whether the error is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
+        """Whether the error exceeds the noise by 5 %, and by more than it does for 99 of 100 perfect models."""
         degrees = max(1, self.n_readings - 2 * self.n_windows)
         return not self.ratio**2 < 1.0 + max(2.33 * math.sqrt(2.0 / degrees), 1.05**2 - 1.0)
 
@@ -90,10 +88,10 @@ class HeldOutError:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A model on a log with the states of all windows refitted: where they ended, and the leverage they have.
+    """A model on a log, after the initial states of all K windows are refitted.
 
-    starts (K, 2), lin the linearisation there, basis (K, R, 2) an orthonormal basis of what a window's start can
-    produce (columns of zeros where it shows in no reading), leverage (K, R) = sum basis^2.
+    starts (K, 2) are the refitted states and lin the linearisation there. basis (K, R, 2) is an orthonormal basis of
+    how a window's start can change its readings, 0 where it shows in none; leverage (K, R) = sum basis^2.
     """
 
     response: Response
@@ -104,16 +102,16 @@ class Refit:
 
     @property
     def scored(self) -> Array:
-        """(K, R): 1 where a reading is scored, else 0."""
+        """(K, R): 1 for each reading that is scored, else 0."""
         return (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
 
 
 def held_out_error(
     model: Model, records: Sequence[Record], sensor: Sensor, window: float = 1.0, near: Refit | None = None
 ) -> HeldOutError:
-    """The error of a model, none of whose parameters is touched, on records over windows of `window` [s].
+    """The error of a model, as it is, on records over windows of `window` [s].
 
-    The states' refit begins at those of `near`, where windows of 1 s have been refitted before.
+    The refit of the states begins at those of `near`, if windows of 1 s have been refitted before.
     Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
     """
     windows = cut(check_records(model, records), window, lead_of(model))
@@ -123,11 +121,11 @@ def held_out_error(
 def refit_windows(
     model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window], near: Refit | None = None
 ) -> Refit:
-    """The states of windows refitted.
+    """Refit the initial states of windows.
 
-    Those of long windows through heads of growing length, as their ends say ever more exactly where they began; those
-    of short ones from windows of 1 s, where the angle is not read and a short one does not tell it; those whose first
-    instants are not scored from windows of 1 s that are scored from their first instant on.
+    - A long window is refitted through heads of growing length, since a long motion depends sharply on its start.
+    - Short windows begin at the states of windows of 1 s if the angle is not read, since a short one does not tell it.
+    - So do windows with a lead: the windows of 1 s are scored from their first instant on.
     """
     length = round(HEAD / model.dt)
     longest = max(w.count - w.lead for w in windows)
@@ -155,14 +153,14 @@ def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
 
 
 def lead_of(model: Model) -> float:
-    """Seconds before a window in which the memories of the sensors and the states of dynamic effects settle; the
-    memories of the input fill over the record."""
+    """Seconds before a window in which memories of sensors and states of dynamic effects settle; memories of the input
+    fill over the whole record and need none."""
     remembers = any(e.rest(0.0, 0.0, model.dt) for e in model.output_effects)
     return LEAD if remembers or model.dynamic_effects else 0.0
 
 
 def refit(response: Response, starts: Array | None = None, most: int = REFITS) -> Refit:
-    """Refit the states of all windows, the parameters as they are: Levenberg-Marquardt in each window by itself."""
+    """Refit the initial states of all windows, by Levenberg-Marquardt in each; parameters of the model stay."""
     x = response.starts if starts is None else starts
     at = _linearised(response, x)
     cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
@@ -187,7 +185,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
 
 
 def error_of(fit: Refit, window: float) -> HeldOutError:
-    """The error of refitted windows, leverage taken out."""
+    """The error of refitted windows, corrected for leverage."""
     response, K = fit.response, len(fit.starts)
     squares = (fit.lin.e**2).reshape(K, 2, -1)
     free = (fit.scored - fit.leverage).reshape(K, 2, -1)
@@ -216,13 +214,13 @@ def _named(response: Response, window: Window, ratio: float) -> WindowError:
 
 
 def _root(squares: Array, free: Array) -> float:
-    """sqrt(sum e^2 / sum (1 - h)); nan where the refitted states leave nothing to judge."""
+    """sqrt(sum e^2 / sum (1 - h)); nan if the refitted states leave nothing to judge."""
     rest = float(np.sum(free))
     return math.sqrt(float(np.sum(squares)) / rest) if rest > 1e-6 * free.size else math.nan
 
 
 def _linearised(response: Response, starts: Array, among: Among = ALL) -> Linearisation:
-    """The linearisation, with windows in which the model runs away marked by an infinite error and no slope."""
+    """The linearisation; windows in which the model runs away get an infinite error and no slope."""
     with np.errstate(over="ignore", invalid="ignore"):
         lin = response.linearise(starts, among)
     bad = ~(np.all(np.isfinite(lin.e), axis=1) & np.all(np.isfinite(lin.S_x), axis=(1, 2)))
@@ -238,7 +236,7 @@ def _cost(at: Linearisation) -> Array:
 
 
 def _steps(at: Linearisation, damping: Array, reach: float) -> tuple[Array, Array]:
-    """Damped steps (K, 2) of the starts, at most 0.5 rad and 3 rad/s, and the decrease (K,) each promises undamped."""
+    """Damped steps (K, 2) of the starts, at most 0.5 and 3 times the reach; decreases (K,) of the cost if undamped."""
     basis, R = _triangle(at.S_x * reach)
     e = np.where(np.isfinite(at.e), at.e, 0.0)
     along = np.einsum("krs,kr->ks", basis, e)
@@ -249,16 +247,16 @@ def _steps(at: Linearisation, damping: Array, reach: float) -> tuple[Array, Arra
 
 
 def _triangle(S_x: Array) -> tuple[Array, Array]:
-    """Orthonormal columns (K, R, 2), of the speed first, and the triangle (K, 2, 2) that takes them back.
+    """The QR decomposition of S_x, speed first: orthonormal columns (K, R, 2) and the triangle (K, 2, 2).
 
-    A speed that shows nowhere has no column, nor has an angle that the readings do not tell to half a radian beside
-    the speed: so far no linearisation reaches. S_x per reach of the log.
+    S_x is per reach of the log. The column is 0 for a speed that shows nowhere, and for an angle that the readings do
+    not tell to half the reach (half a radian) beside the speed: no linearisation extends so far.
     """
     theta, theta_dot = S_x[..., 0], S_x[..., 1]
     speed = np.linalg.norm(theta_dot, axis=1)
     first = theta_dot / np.where(speed > 1e-3, speed, np.inf)[:, None]
     shared, second = np.zeros(len(S_x)), theta
-    for _ in range(2):  # once more takes out what rounding left
+    for _ in range(2):  # the second time takes out what rounding left
         more = np.sum(first * second, axis=1)
         shared, second = shared + more, second - more[:, None] * first
     angle = np.linalg.norm(second, axis=1)
@@ -269,7 +267,7 @@ def _triangle(S_x: Array) -> tuple[Array, Array]:
 
 
 def _replace(old: Linearisation, new: Linearisation, at: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
-    """Put the windows of the new linearisation that are `better` in their places `at` of the old one."""
+    """Copy the windows of the new linearisation that are `better` to their places `at` in the old one."""
     for name in ("e", "S_x", "states"):
         getattr(old, name)[at] = getattr(new, name)[better]
 

@@ -1,4 +1,4 @@
-"""Initial guess: a plant's parameters near those of a log, by regression, so that a fit may begin far off."""
+"""Initial guess: parameters of the plant near those of a log, by regression, so that the user's may be far off."""
 
 from __future__ import annotations
 
@@ -15,27 +15,24 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 FEWEST = 40
-"""Samples of a record that tell how a servo follows its command."""
+"""Least number of samples of a record that show how a servo follows its command."""
 SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
-"""Natural frequencies [rad/s] from the slowest to this many a sample, and damping ratios, of a servo that are tried."""
+"""Grid for a servo: so many natural frequencies from 3 rad/s to 2 rad per sample, and these damping ratios."""
 WELL_EXPLAINED = 0.8
-"""Share of the changes of the speed that is explained where an inertia of one standard error counts, and of the torque
-that friction explains where the inertia is small."""
+"""Explained share of the speed's changes from which an inertia of one standard error counts; and share of the torque
+that goes into friction and weight from which the inertia is taken to be small."""
 LITTLE = 0.1
-"""Share of the torque that an inertia takes which does not show beside friction."""
+"""Share of the torque that goes into accelerating an inertia which does not show beside friction."""
 NEAREST_STEPS, LARGEST_STEP = 12, 5.0
-"""Steps to the nearest numbers that show what a log shows, and by how much a logarithm changes in one at most."""
+"""Gauss-Newton steps to the nearest parameters with the 1/J and G/J of a log; largest change of a logarithm in one."""
 
 
 def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
-    """The model with those of the plant's parameters that are in `names` moved near the log.
+    """The model with those of the plant's parameters that are in `names` moved near the log, to a few ten per cent.
 
-        theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
-
-    (of a linear axis a spring in place of the weight) by least squares over smoothed states, T = 0.2 s, or a quarter of
-    a swing; then the numbers nearest to the old ones with that 1/J and G/J.
-    What the log does not show (no torque, no gravity) stays as it was, but for an inertia of which friction and weight
-    leave next to nothing of the torque: it is a small one. Good to a few ten per cent.
+    A regression (`torque_regression`) finds 1/J and G/J; then the parameters are moved to the nearest that have these.
+    What the log does not show (no torque, no gravity) stays as it was. One exception is an inertia that does not show
+    because friction and weight take nearly all of the torque: it is set to a small one.
     """
     shown = shown_ratios(model, records, sensor)
     if "1/J" not in shown:
@@ -44,7 +41,8 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 
 
 def _least_inertia(terms: IntegratedMotion) -> dict[str, float]:
-    """The 1/J at which accelerating takes a tenth of a torque that changes and goes mostly into friction and weight."""
+    """The 1/J at which accelerating takes a tenth of the torque, if the torque varies and goes mostly into friction and
+    weight; otherwise nothing."""
     if _is_constant(terms):
         return {}
     weight, torque, less_speed, less_sign, one = terms.columns.T
@@ -54,14 +52,14 @@ def _least_inertia(terms: IntegratedMotion) -> dict[str, float]:
 
 
 def _is_constant(terms: IntegratedMotion) -> bool:
-    """Whether there is a torque, and it never changes but for rounding."""
+    """Whether there is a torque, and it is constant but for rounding."""
     mean = terms.columns[:, 1] / terms.columns[:, 4]
     return len(mean) > 0 and bool(np.std(mean) < 1e-9 * abs(np.mean(mean)))
 
 
 def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> tuple[Model, ...]:
-    """Where fits from far off begin: by regression, and for a servo, which may follow its command so closely that
-    nothing is left to regress on, with the loop that follows as it did."""
+    """The models at which fits from far off begin: one by regression, and for a servo also one by its control loop. A
+    servo may follow its command so closely that nothing is left to regress on."""
     regressed = initial_guess(model, names, records, sensor)
     if model.actuator is None or not model.actuator.at_angle:
         return (regressed,)
@@ -69,7 +67,7 @@ def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record
 
 
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:
-    """The model with those numbers of the plant, nearest to its own, that have this 1/J and G/J."""
+    """The model with the plant's parameters that have this 1/J and G/J and are nearest to its own in logarithms."""
     moved = [name for name in names if name in model.plant.parameters]
     own = {name: float(model.plant.parameters[name].value) for name in moved}
     if not shown or not moved or not all(value > 0.0 for value in own.values()):
@@ -82,8 +80,8 @@ def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float])
         off = [math.log(found[k] / shown[k]) if found[k] > 0.0 else 0.0 for k in shown]
         return np.array([*off, *(1e-3 * scale)])
 
-    # products of powers are linear in these coordinates: Gauss-Newton steps need no damping, and scipy.optimize would
-    # take a third of a second to load
+    # 1/J and G/J are mostly products of powers, linear in logarithms: Gauss-Newton steps need no damping, and
+    # scipy.optimize would take a third of a second to load
     scale = np.zeros(len(moved))
     for _ in range(NEAREST_STEPS):
         here = distances(scale)
@@ -97,14 +95,14 @@ def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]
 
         theta_ddot = w^2 (u - theta) - 2 z w theta_dot,    w^2 = k_p / J,    2 z w = k_d / J,    G = k_p g
 
-    where what a static load leaves, g sin(theta) + offset, is taken out. Where the inertia is known, k_p follows it.
+    A static load's deflection, g sin(theta) + offset, is taken out first. If the inertia is known, k_p follows from it.
     """
     servo = model.actuator
     read = [r for r in records if r.has_angles and len(r) >= FEWEST]
     if servo is None or not read:
         return model
     grid = itertools.product(np.geomspace(SLOWEST, FASTEST / model.dt, FREQUENCIES), RATIOS)
-    # of an overdamped loop the faster mode has to be one that steps of dt follow
+    # steps of dt have to be able to follow the faster mode of an overdamped loop, too
     slow = [(w, z) for w, z in grid if w * (z + math.sqrt(max(z * z - 1.0, 0.0))) <= FASTEST / model.dt]
     _, g, w, z = min((*_unexplained(model, read, w, z), w, z) for w, z in slow)
     stiffness = float(getattr(servo, servo.scale))
@@ -116,7 +114,7 @@ def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]
 
 
 def _unexplained(model: Model, records: Sequence[Record], w: float, z: float) -> tuple[float, float]:
-    """RMS of what a loop of natural frequency w and damping ratio z leaves of the angles, and g."""
+    """The RMS of the angles that a loop of natural frequency w and damping ratio z does not explain, and g."""
     from scipy.signal import cont2discrete, lfilter
 
     b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), records[0].dt)
@@ -131,7 +129,7 @@ def _unexplained(model: Model, records: Sequence[Record], w: float, z: float) ->
 
 
 def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
-    """The plant's own numbers times exp(scale), within their bounds."""
+    """The plant's own parameters times exp(scale), clipped to their bounds."""
     parameters = (model.plant.parameters[name] for name in names)
     return [
         float(np.clip(float(p.value) * math.exp(min(s, 50.0)), *p.bounds))
@@ -140,9 +138,11 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
 
 
 def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
-    """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0; an inertia that is
-    less sure is still the best guess where all terms together explain how the speed changes. A torque that never
-    changes shows it where no offset acts beside it."""
+    """1/J [1/(kg m^2)] and G/J [1/s^2], each if it is positive and three standard errors from 0.
+
+    One standard error is enough for 1/J where all terms together explain the changes of the speed well. A constant
+    torque shows 1/J only if no offset acts beside it, so that the regression then has none.
+    """
     terms = telling_motion(model, records, sensor)
     found = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding

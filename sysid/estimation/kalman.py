@@ -1,7 +1,7 @@
-"""Kalman filter of z = (theta, theta_dot, d, o, states of dynamic effects) about a motion, and what is read off it.
+"""Kalman filter and smoother of z = (theta, theta_dot, d, o, states of dynamic effects), linearised about a motion.
 
-CasADi runs the recursion of the covariance, instant by instant; what follows from it for any number of columns is one
-banded triangular system, which LAPACK solves.
+CasADi runs the recursion of mean and covariance, instant by instant. How innovations respond to changes of the model
+then is one banded triangular system, which LAPACK solves for all changes together.
 """
 
 from __future__ import annotations
@@ -20,26 +20,23 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.physics.ops import Array
 
 BLOCK = 256
-"""Instants that one CasADi call runs through; a longer log takes several."""
-
+"""Number of instants in one CasADi call; a longer log takes several calls."""
 UNROLLED = 16
-"""Instants that are one graph."""
-
+"""Number of instants that are unrolled into one CasADi graph."""
 SPREAD = (3.0, 30.0)
-"""How far a record's first state may lie from where it is thought to be, as multiples of the reach: anywhere."""
+"""Prior sd of angle and speed at a record's start, as multiples of the reach: so wide that it says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """M instants of z, linear about a motion; x is the deviation from it.
+    """A linear state-space model of M instants; x is the deviation from the motion that it was linearised about.
 
         x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k, 0) + v_k,   v ~ N(0, I)
 
-    x holds theta, theta_dot and the n - 2 states of the model's dynamic effects, which begin a record with an sd of
-    `inner_sd` (n - 2,). A (M, n, n + 1), its third column of d, gap (M, n), H (M, 2, 2), r (M, 2): slopes and residuals
-    in units of the sensor's sd, 0 where nothing was read. weight (M,) = 1 / sd of the angle's reading, follows (M,):
-    whether the next instant belongs to the same record. dt [s]. reach: what is a large way [rad], of which a record's
-    first state is thought to lie within the multiples SPREAD.
+    x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
+    The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
+    readings are in units of the sensor's sd, 0 where nothing was read; weight (M,) is 1 / sd of the angle's reading.
+    follows (M,) says whether the next instant is of the same record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array
@@ -54,17 +51,17 @@ class LinearSystem:
 
     @property
     def size(self) -> int:
-        """How many numbers z has."""
+        """The number N of components of z."""
         return 4 + len(self.inner_sd)
 
     @property
     def moving(self) -> list[int]:
-        """Where z has what the model moves."""
+        """The indices in z of the states that the model moves: theta, theta_dot and those of dynamic effects."""
         return _moving(self.size)
 
     @property
     def driving(self) -> list[int]:
-        """Where z has what the model is moved by, in the order of the columns of A."""
+        """The indices in z that the next state depends on (all but o), in the order of A's columns."""
         return _driving(self.size)
 
     def filter(self, disturbances: Disturbances) -> Filter:
@@ -74,7 +71,7 @@ class LinearSystem:
 
     @cached_property
     def _columns(self) -> Array:
-        """What the recursion takes, (M padded to whole blocks, W)."""
+        """A row of W inputs of the recursion for each instant, M rows padded to whole blocks."""
         M, (n, m) = len(self.r), self.A.shape[1:]
         columns = np.zeros((-(-M // BLOCK) * BLOCK, n * m + n + 8))
         follows = self.follows[:, None]
@@ -116,7 +113,7 @@ def _driving(N: int) -> list[int]:
 
 
 def _packed(N: int) -> int:
-    """How many numbers the lower triangle of an (N, N) matrix has; they stand column by column."""
+    """The number of entries in the lower triangle of an (N, N) matrix; they are stored column by column."""
     return N * (N + 1) // 2
 
 
@@ -125,13 +122,13 @@ def _diagonal(N: int) -> list[int]:
 
 
 def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
-    """(lower triangle of the predicted P, and m; columns; scale) -> the same after an instant; gains, variances and
-    errors of its readings.
+    """One instant of the filter: update by each channel's reading in turn, then predict the next instant.
 
         S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
 
-    What is known to be zero is no part of the graph: whether each channel shows its own state alone, whether it was
-    read at all, and whether there is an o.
+    The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale. The outputs are the next P
+    and m; and the gains K, variances S and errors e of the readings. The flags keep zeros out of the graph: whether
+    each channel shows its own state alone, whether theta and theta_dot were read at all, and whether there is an o.
     """
     n = N - 2
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
@@ -171,8 +168,8 @@ def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bo
 
 @cache
 def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
-    """`_instant` over a BLOCK of columns: what it gives after each of them. Several stand in one graph, since a call
-    for each would cost as much as what it computes."""
+    """`_instant` over a BLOCK of instants, with its outputs after each. UNROLLED of them share one graph, since a call
+    for each would cost as much as the computation itself."""
     instant = _instant(N, own_state, theta, theta_dot, coloured)
     (V, W), scale = (instant.size1_in(0), instant.size1_in(1)), casadi.SX.sym("scale", N + 4)
     several, states, owns = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
@@ -193,8 +190,8 @@ def _view(values: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """The filter's way through a log, for z of N numbers: predicted covariances and means (M, N (N + 3) / 2), gains,
-    variances and errors (M, 2 N + 4)."""
+    """The Kalman filter's result on a log: `states` (M, N (N + 3) / 2), predicted covariances and means of z; and `own`
+    (M, 2 N + 4), gains, variances and errors of the readings."""
 
     system: LinearSystem
     disturbances: Disturbances
@@ -203,32 +200,33 @@ class Filter:
 
     @cached_property
     def variances(self) -> Array:
-        """Predicted variances (M, 2) of the innovations, 1 where nothing was read; nan where the model ran away."""
+        """Predicted variances (M, 2) of the innovations: 1 where nothing was read, nan where the model ran away."""
         own = self.own[:, -4:-2]
         return np.where(own > 0.0, own, np.nan)
 
     @cached_property
     def innovations(self) -> Array:
-        """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
+        """Prediction errors (M, 2) in units of their predicted sd; they are white if the model is right."""
         return self.own[:, -2:] / np.sqrt(self.variances)
 
     @cached_property
     def log_variances(self) -> Array:
-        """log of the innovations' predicted variances (M, 2), 0 where nothing was read."""
+        """Logarithms (M, 2) of the innovations' predicted variances; 0 where nothing was read."""
         return np.log(self.variances)
 
     @cached_property
     def deviance(self) -> float:
-        """-2 log likelihood of the readings, up to a constant that depends on the sensor alone; inf where the model ran
+        """-2 log likelihood of the readings, up to a constant that depends on the sensor alone; inf if the model ran
         away."""
         found = float(np.sum(self.log_variances) + np.sum(self.innovations**2))
         return found if math.isfinite(found) else math.inf
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array, Array]:
-        """W (M, 2, 2), W H (M, 2, N), Gamma (M, N, 2) and the band of I - shifted Phi.
+        """W (M, 2, 2), W H (M, 2, N), Gamma (M, N, 2) and the band matrix of I less the shifted Phi.
 
-        For deviations of z by m and of the readings by R: innovations W R + W H m, m' = Phi m + g - Gamma R.
+        If predicted means change by m and readings by R, then innovations change by W R + W H m, and the next predicted
+        mean by m' = Phi m + g - Gamma R.
         """
         s, own, M, N = self.system, self.own, len(self.own), self.system.size
         first, second = own[:, :N], own[:, N : 2 * N]
@@ -253,8 +251,8 @@ class Filter:
         return W, W @ H, Gamma, band
 
     def whiten(self, G: Array, R: Array) -> Array:
-        """Innovations (2 M, C) that small changes cause: G (M, n, C) of the steps' ends, R (M, 2, C) of the
-        readings, the latter in units of the sensor's sd."""
+        """The change of the innovations (2 M, C) by small changes G (M, n, C) of the steps' ends and R (M, 2, C) of the
+        readings, R in units of the sensor's sd."""
         W, WH, _, _ = self._parts
         innovations: Array = WH @ np.moveaxis(self._response(G, R), 0, -1)
         if np.any(R):
@@ -262,7 +260,7 @@ class Filter:
         return innovations.reshape(2 * len(G), G.shape[2])
 
     def _response(self, G: Array, R: Array) -> Array:
-        """How the predicted means (C, M, N) move with such changes."""
+        """The change (C, M, N) of the predicted means by the changes G and R of `whiten`."""
         _, _, Gamma, band = self._parts
         M, C, N = len(G), G.shape[2], self.system.size
         g = np.zeros((C, M, N))
@@ -276,7 +274,7 @@ class Filter:
         return np.asarray(m).T.reshape(C, M, N)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
-        """The mean of z (M, N) given all readings, after the model's predictions changed by G (M, n), R (M, 2)."""
+        """The mean of z (M, N) given all readings, after the model's predictions have changed by G (M, n), R (M, 2)."""
         W, WH, _, band = self._parts
         M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.system.size) :]
         if G is not None and R is not None:
@@ -304,8 +302,8 @@ class Filter:
 
     @cached_property
     def _behind(self) -> tuple[Array, Array]:
-        """Phi (M, N, N) and what the readings from an instant on tell of z, an information I (M, N, N):
-        I = (W H)'(W H) + Phi' I' Phi, backwards."""
+        """Phi (M, N, N), and the information I (M, N, N) about z in the readings from each instant on. It is found
+        backwards: I = (W H)'(W H) + Phi' I' Phi, where I' belongs to the next instant."""
         (_, WH, _, band), N = self._parts, self.system.size
         own = np.swapaxes(WH, 1, 2) @ WH
         Phi = np.empty((len(WH), N, N))
@@ -319,13 +317,13 @@ class Filter:
         return Phi, information
 
     def posterior_sd(self) -> Array:
-        """sd (M, N) of z given all readings: P - P I P."""
+        """The sd (M, N) of z given all readings; its covariance is P - P I P."""
         P, (_, information) = self.covariance, self._behind
         variance = np.diagonal(P - P @ information @ P, axis1=1, axis2=2)
         return np.sqrt(np.maximum(variance, 0.0))
 
     def posterior_sd_of_sums(self, shares: Array) -> Array:
-        """sd (C,) of sum_k shares_k d_k, shares (M, C), given all readings.
+        """The sd (C,), given all readings, of the weighted sums sum_k shares_k d_k with shares (M, C).
 
         For j < k:  cov(z_k, z_j) = (1 - P_k I_k) Phi_(k-1) ... Phi_j P_j
         """

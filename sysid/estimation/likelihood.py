@@ -12,26 +12,23 @@ from sysid.estimation.kalman import Filter, LinearSystem
 from sysid.physics.ops import Array
 
 IDLE = 5.0
-"""Decrease of the deviance below which s may be none at once, and need not shrink step by step."""
+"""If s = 0 would lower the deviance by less than this, it is tried at once, and s need not shrink step by step."""
 HOPELESS = 30.0
-"""Deviance above that of others that no further move makes up for."""
-
+"""Disturbances whose deviance is this much above the best are given up: no further move makes up for that."""
 NEGLIGIBLE = 0.01
-"""Twice the decrease of the deviance that is not worth a step."""
+"""A step is not worth taking if twice the decrease of the deviance that it promises is below this."""
 
 SIGMA_99 = 2.5758
 """Standard deviations on either side within which 99 % of a Gaussian lie."""
 
 
 def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
-    """A filter of larger likelihood about the same motion: one Newton step of (log s, log sigma_o), or of the first
-    alone.
+    """One Newton step of (log s, log sigma_o) that makes the log likelier about the same motion; `now` if none does.
 
-    Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
-    negative the step follows the slope, by a factor of e, or of e^2 where that is better still, and s goes on for as
-    long as that helps. One that hardly matters any more, so that the deviance goes with its square, has nothing to gain
-    but half the slope: it may be none. Where nothing is to be gained, or the
-    model ran away, the filter is `now`.
+    Without `angle_error` only log s moves. Slope and curvature are finite differences over a factor of 1.35, a change
+    that a log cannot see; where the curvature is negative, the step follows the slope. A step is at most a factor of e,
+    or e^2 if that is better still; then the step of log s is doubled for as long as this helps. Where s hardly matters,
+    the deviance grows with s^2, and s = 0 would gain half the slope: if that is little, s = 0 is tried too.
     """
     h, sizes = 0.3, np.log(np.maximum([now.disturbances.s, now.disturbances.sigma_o], 1e-300))  # below any floor at 0
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
@@ -68,8 +65,8 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
-    """The likeliest of disturbances about the same motion, each first moved to likelier sizes, but for those that are
-    hopeless beside others."""
+    """The likeliest of several disturbances about the same motion, after up to three Newton steps of the sizes of each;
+    those that are hopeless beside others are given up earlier."""
     floor, trials = np.array([-40.0, -40.0]), [system.filter(begun) for begun in begins]
     for _ in range(3):
         trials = [likelihood_ascent(own, floor, angle_error) for own in trials]
@@ -79,7 +76,7 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], ang
 
 
 def p_value(decrease: float, numbers: int) -> float:
-    """How often that many idle numbers decrease the deviance by more: the tail of chi squared.
+    """The probability that so many superfluous numbers decrease the deviance by more: the tail of chi squared.
 
     Q(x; n) = Q(x; n - 2) + (x / 2)^(n / 2 - 1) exp(-x / 2) / Gamma(n / 2),   Q(x; 1) = erfc(sqrt(x / 2)),   Q(x; 0) = 0
     """

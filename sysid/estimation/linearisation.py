@@ -26,16 +26,18 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
 SMOOTHED_SHARE = 0.2
-"""How far off the states of a dynamic effect may be along the smoothed readings, as a share of their sd at a start."""
+"""Uncertainty of a dynamic effect's states along the smoothed readings, as a share of their sd at a record's start."""
 
 
 class Samples:
-    """The M instants of records, one record after the other.
+    """The M instants of all records, one record after the other.
 
-    t, time_since_start (M,) [s]: of the log and since the rollout began; commands (M,); y and weight (M, 2): readings
-    of theta and theta_dot and 1 / sd, 0 where nothing was read, those at rest merged (`sysid.data.rests`); number (M,)
-    of the record; follows (M,): whether the next instant belongs to the same record. The last instant of a record has
-    no interval after it: whatever is said about that is idle.
+    t, time_since_start (M,)   time of the log, and since the rollout began [s]
+    commands (M,)              of the interval after each instant; no interval follows a record's last instant, so that
+                               whatever arrays say about it has no meaning
+    y, weight (M, 2)           readings of theta and theta_dot and their 1 / sd, 0 where nothing was read; those at rest
+                               are merged (`sysid.data.rests`)
+    number, follows (M,)       index of the record; whether the next instant belongs to the same record
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
@@ -65,7 +67,7 @@ class Samples:
             known = np.isfinite(reading.value)
             at = begin + reading.index[known]
             self.y[at, channel], self.weight[at, channel] = reading.value[known], 1.0 / reading.sd[known]
-        # what the drive did before is not known, nor is what a model with a memory predicts for a while
+        # the commands before such a record are not known: for a while a model with a memory cannot predict its readings
         blind = (
             min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
             if record.starts_midway and record.time_since_start[0] > 0.0
@@ -75,22 +77,22 @@ class Samples:
 
     @property
     def reach(self) -> float:
-        """What is a large way for this log [rad], as `Extent` says."""
+        """A large way for this log [rad] (`Extent`)."""
         return self._extent.reach
 
     @property
     def readings(self) -> int:
-        """How many readings there are."""
+        """The number of readings."""
         return int(np.count_nonzero(self.weight))
 
     @cached_property
     def smoothed(self) -> Array:
-        """States (M, 2) without any model of the machine: the smoothest motion that follows the readings."""
+        """States (M, 2) of the smoothest motion that follows the readings, without any model of the machine."""
         return np.concatenate([smooth_states(r, self.sensor, self.reach) for r in self.records])
 
     def extent(self, model: Model, kind: type[Effect] | None = None) -> Extent:
-        """What the probes of an effect may depend on: u_max is the largest torque, of an input effect the largest
-        command."""
+        """The extent of the log, which probes of an effect depend on. Its u_max is the drive's largest torque, or, for
+        input effects, the largest command."""
         extent = self._extent._replace(inertia=float(model.inertia()))
         if model.actuator is None or (kind is not None and issubclass(kind, InputEffect)):
             return extent
@@ -99,7 +101,7 @@ class Samples:
         return extent._replace(u_max=float(np.max(np.abs(torque[self.follows]))))
 
     def drives(self, model: Model) -> Array:
-        """Drive torques (M, S) [N m] of the intervals after the instants."""
+        """The model's drive torques (M, S) [N m] in the S substeps of the interval after each instant."""
         if not model.input_effects:
             return np.repeat(self.commands[:, None], model.integrator.substeps, axis=1)
         drives = np.zeros((len(self), model.integrator.substeps))
@@ -113,7 +115,7 @@ class Samples:
         return {}
 
     def follow_smoothed(self, effects: Sequence[DynamicEffect]) -> Array:
-        """The states (V, M, n) of effects of one kind along the smoothed readings; what was asked before is kept."""
+        """The states (V, M, n) of V effects of one kind along the smoothed readings, computed once and kept."""
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
         key = (effects[0].name, rows.tobytes())
         if key not in self._followed:
@@ -121,7 +123,7 @@ class Samples:
         return self._followed[key]
 
     def _follow(self, effect: DynamicEffect, rows: Array) -> Array:
-        """The states (V, M, n) along the smoothed readings with the numbers (V, P), each record from rest."""
+        """The states (V, M, n) for the numbers `rows` (V, P), beginning each record at rest."""
         step = _follower(effect, self.dt)
         theta, theta_dot = self.smoothed.T
         stretches = np.column_stack([theta_dot[:-1], theta_dot[1:], np.diff(theta)])
@@ -134,12 +136,12 @@ class Samples:
         return found
 
     def read(self, model: Model, x: Array) -> Array:
-        """What perfect sensors show (..., M, 2) along states x (..., M, 2)."""
+        """Readings (..., M, 2) of perfect sensors along states x (..., M, 2)."""
         if not model.output_effects:
             return x
         seen = np.empty_like(x)
         lengths = np.diff(self.first)
-        for length in np.unique(lengths).tolist():  # a sensor that remembers goes step by step, through all at once
+        for length in np.unique(lengths).tolist():  # a sensor with memory goes step by step, so all records go together
             rows = self.first[:-1][lengths == length][:, None] + np.arange(length)
             clock = np.broadcast_to(self.time_since_start[rows], x[..., rows, 0].shape)
             seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], clock), axis=-1)
@@ -147,7 +149,7 @@ class Samples:
 
 
 def _follower(effect: DynamicEffect, dt: float) -> casadi.Function:
-    """(states, speeds at both ends and travel of a stretch, the effect's numbers) -> the states afterwards."""
+    """The function (states, [speed before, speed after, travel], the effect's numbers) -> the states after dt."""
     names = tuple(effect.parameters)
     states, stretch = casadi.SX.sym("states", len(effect.start_sd)), casadi.SX.sym("stretch", 3)
     numbers = casadi.SX.sym("numbers", len(names))
@@ -158,12 +160,12 @@ def _follower(effect: DynamicEffect, dt: float) -> casadi.Function:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a model is linearised about.
+    """The motion that a model is linearised about.
 
     x (M, 2)            states of the joint
     d (M,)              random acceleration [rad/s^2]
-    spread (M, 3 + q)   how far off each may be, in rad, rad/s, rad/s^2 and the units of `inner`
-    inner (M, q)       states of dynamic effects, whose names are the q `owners`
+    spread (M, 3 + q)   uncertainty of each, in rad, rad/s, rad/s^2 and the units of `inner`: half widths of the slopes
+    inner (M, q)        states of dynamic effects; the q `owners` are the effects' names
     """
 
     x: Array
@@ -173,7 +175,7 @@ class Motion:
     owners: tuple[str, ...] = ()
 
     def of_model(self, samples: Samples, model: Model) -> Motion:
-        """The same with the states of this model's dynamic effects; of a new one those along the smoothed readings."""
+        """The motion with the states of this model's dynamic effects; a new effect's follow the smoothed readings."""
         owners = tuple(e.name for e in model.dynamic_effects for _ in e.start_sd)
         if owners == self.owners and len(self.inner) == len(samples):
             return self
@@ -189,16 +191,15 @@ class Motion:
         return Motion(self.x, self.d, np.hstack(spread), np.hstack(columns), owners)
 
     def moved(self, z: Array, spread: Array) -> Motion:
-        """The motion by the smoothed deviation z (M, N) from it."""
+        """The motion after the smoothed deviation z (M, N) is added to it."""
         return Motion(self.x + z[:, :2], z[:, 2], spread, self.inner + z[:, 4:], self.owners)
 
 
 class LinearisedModel:
-    """A model along a motion through the samples of a log.
+    """A model linearised along a motion through the samples of a log.
 
-    Slopes are central differences as wide as the state is uncertain: a joint that sticks has no slope at a point, and
-    a filter that believed in none would never let it go. All differences are rows of one array, and one call of the
-    model makes them.
+    Slopes are central differences as wide as the state is uncertain. At a point, a joint that sticks has a slope of
+    zero, and a filter that believed in it would never let the joint go. One call of the model makes all differences.
     """
 
     def __init__(self, samples: Samples, model: Model, motion: Motion) -> None:
@@ -221,14 +222,14 @@ class LinearisedModel:
         self.system = LinearSystem(
             A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.inner_sd, samples.reach
         )
-        # the first readings of a sensor that remembers show what was before the record
+        # the first readings of a sensor with memory show what was before the record: the model cannot use them
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
     def _ends(self, model: Model, drives: Array, inner: Array, shift: Array | None = None) -> Array:
-        """Where the steps end (..., M, n) from the motion, or from `shift` (..., M, n + 1) beside it.
+        """The states (..., M, n) one step after the motion, or after the motion moved by `shift` (..., M, n + 1).
 
-        The model may hold arrays (V, 1), the drives be (V, M, S), and the states of dynamic effects, `inner`, be
-        (V, M, q): one row a variant.
+        For V variants, the model holds arrays (V, 1), and the drives (V, M, S) and the states of dynamic effects,
+        `inner` (V, M, q), have a row for each.
         """
         theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
         if shift is not None:
@@ -242,10 +243,9 @@ class LinearisedModel:
         return np.stack(np.broadcast_arrays(*ends, *(value for values in after for value in values)), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """What moves with the parameters: G (M, n, P) of the ends of the steps, R (M, 2, P) of the readings in the
-        sensor's sd.
+        """Derivatives by P parameters: G (M, n, P) of the steps' ends, R (M, 2, P) of the readings in the sensor's sd.
 
-        The random acceleration stays: what a change of the inertia does to the likelihood of d is in that.
+        The random acceleration d is held, not the random torque, so that its distribution is the same for any inertia.
         """
         parameters, P = self.model.parameters, len(names)
         if not P:
@@ -260,7 +260,7 @@ class LinearisedModel:
         return self._as_changes((ends - self.ends) / size, (seen - self.seen) / size)
 
     def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
-        """What moves, as in `changes` and a column each, with effects of one kind, per their sizes from neutral."""
+        """G and R as in `changes`, with a column for each of several effects of one kind, per size from neutral."""
         torques = [e for e in effects if isinstance(e, JointEffect) and float(e.inertia()) == 0.0]
         if len(torques) == len(effects):
             return self._torque_changes(torques, sizes)
@@ -277,7 +277,7 @@ class LinearisedModel:
         return self._as_changes((ends[..., : self.ends.shape[-1]] - self.ends) / size, (seen - self.seen) / size)
 
     def _torque_changes(self, effects: Sequence[JointEffect], sizes: Sequence[float]) -> tuple[Array, Array]:
-        """What moves with torques s along the motion, u the share of an interval that is over.
+        """G and R of effects that are torques s along the motion; u is the share of an interval that has passed.
 
             dtheta' = B_theta mean 2 (1 - u) s,   dtheta_dot' = B_theta_dot mean s
 
@@ -285,7 +285,7 @@ class LinearisedModel:
         """
         parameters, V, M = effects[0].parameters, len(effects), len(self.samples)
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
-        # a shape stands in as many rows as the effect has magnitudes: what depends on it alone is evaluated once
+        # a shape is repeated in as many rows as the effect has magnitudes: what it alone determines is evaluated once
         shared = math.gcd(V, sum(p.neutral is not None for p in parameters.values()))
         columns = np.moveaxis(rows.reshape(V // shared, shared, 1, -1), -1, 0)
         once = [own[:, :1] if np.all(own == own[:, :1]) else own for own in columns]
@@ -302,19 +302,19 @@ class LinearisedModel:
 
     @cached_property
     def middle(self) -> Array:
-        """States (M, 2) in the middle of the intervals after the instants."""
+        """States (M, 2) in the middle of the interval after each instant."""
         x = self.motion.x
         return np.where(self.samples.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
 
     @cached_property
     def drive_torques(self) -> Array:
-        """Torques of the drive (M, S) [N m], behind an actuator whose command is none."""
+        """Torques of the drive (M, S) [N m]; where commands are no torques, an actuator turns them into torques."""
         theta, theta_dot = self.middle.T[:, :, None]
         return np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
 
     def told(self, model: Model) -> Joint:
-        """The joint of a model in the middle of those intervals (K, S) over which it moves and its drive is told a
-        torque; none of a servo, which is told a position."""
+        """The joint of a model in the middle of those K intervals (K, S) in which it moves and a torque is commanded;
+        K = 0 for a servo, which is commanded a position."""
         theta, theta_dot = self.middle.T
         at = self.samples.follows & (np.abs(theta_dot) > slow_speed([theta_dot])) & (self.samples.commands != 0.0)
         if model.actuator is not None and model.actuator.at_angle:
@@ -324,8 +324,8 @@ class LinearisedModel:
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:
-        """What acts at the joint at the nodes of Gauss' quadrature over the interval, and the share of it that is left
-        then: one in every substep, two where that is the only one."""
+        """The joint at the nodes of a Gauss quadrature over the interval, with the share of the interval that is left
+        there: one node in every substep, or two if there is only one substep."""
         model, samples, substeps = self.model, self.samples, self.drives.shape[-1]
         (theta, theta_dot), d = self.motion.x.T, self.motion.d
         gained, push, nodes = self.ends[:, 1] - theta_dot, model.inertia() * d, []
@@ -340,7 +340,7 @@ class LinearisedModel:
         return nodes
 
     def _variants(self, model: Model, rows: Array, names: Sequence[str], inner: Array) -> tuple[Array, Array]:
-        """Ends (V, M, n) and readings (V, M, 2) of variants of a model, which have numbers (V, P) of their own."""
+        """Steps' ends (V, M, n) and readings (V, M, 2) of V variants of a model with the numbers `rows` (V, P)."""
 
         def variant(row: Array) -> Model:
             return model.with_parameters(dict(zip(names, row.tolist(), strict=True)))
@@ -360,7 +360,7 @@ class LinearisedModel:
         return np.broadcast_to(ends, (len(rows), *ends.shape[-2:])), np.stack(seen)
 
     def _differ(self, model: Model, rows: Array, names: Sequence[str], effects: Sequence[Effect]) -> NDArray[np.bool_]:
-        """Which variants (V,) of a model have other numbers of some effects than the model that is linearised."""
+        """Which of the variants (V,) have other numbers of some `effects` than the model that is linearised."""
         known, differ = self.model.parameters, np.zeros(len(rows), dtype=bool)
         own = {n for e in effects for n in model.names_of(e.name)}
         for name, column in zip(names, rows.T, strict=True):
@@ -377,8 +377,8 @@ class LinearisedModel:
     def _readings(self) -> tuple[Array, Array]:
         """Slopes H (M, 2, 2) of the readings and residuals r (M, 2), in units of the sensor's sd.
 
-        A sensor remembers: what it shows is moved to the instant that it shows, and a change of speed is taken as one
-        of all angles before, too.
+        A sensor with memory is late: each reading is moved to the instant that it shows, and a change of the speed is
+        taken to have changed all angles before it, too.
         """
         samples, model, x = self.samples, self.model, self.motion.x
         residual = (samples.y - self.seen) * samples.weight
@@ -397,7 +397,7 @@ class LinearisedModel:
         return H, residual
 
     def _moved_ahead(self, values: Array) -> Array:
-        """Values (M, 2, ...) of the readings at the instants that they show, 0 where a record has no such reading."""
+        """Values (M, 2, ...) of readings, moved to the instants that they show; 0 where a record has none."""
         moved, M = values.copy(), len(values)
         for channel, by in enumerate(self.ahead):
             if by:
@@ -408,12 +408,12 @@ class LinearisedModel:
 
 
 def smoothed_motion(samples: Samples, size: float) -> Motion:
-    """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
+    """The smoothed readings as a motion with d = 0; `size` [rad/s^2] is the uncertainty of d."""
     M = len(samples)
     return Motion(samples.smoothed, np.zeros(M), np.tile([1e-3 * samples.reach, 0.05 * samples.reach, size], (M, 1)))
 
 
 def level(samples: Samples) -> float:
-    """RMS of the acceleration of the smoothed readings [rad/s^2], a yardstick for d."""
+    """The RMS acceleration of the smoothed readings [rad/s^2], to which s is compared."""
     change = np.diff(samples.smoothed[:, 1])[samples.follows[:-1]] / samples.dt
     return max(float(np.sqrt(np.mean(change**2))), 1e-9) if len(change) else math.nan

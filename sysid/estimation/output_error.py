@@ -1,11 +1,11 @@
-"""What a model answers to a log: trajectories, whitened residuals and their exact derivatives, window by window.
+"""Output error: a model's trajectories over windows of a log, whitened residuals and their exact derivatives.
 
-A window is a stretch of a record with an initial state of its own; a whole rollout is the longest one. CasADi rolls
-the step of a control interval over a window, and the derivative S = dx / dx_0 to its start beside the state:
+CasADi rolls the step of one control interval over a window. Beside the state it carries the sensitivity
+S = dx / dx_0 to the window's initial state:
 
     x' = f(x),    S' = (df / dx) S,    S_0 = I
 
-So cost and memory grow linearly with the samples, and a new model compiles in hundredths of a second.
+Cost and memory therefore grow linearly with the samples, and a new model compiles in hundredths of a second.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ Index = NDArray[np.intp]
 CHANNELS = ("theta", "theta_dot")
 
 Among: TypeAlias = Index | slice
-"""Which windows of a log: their numbers, or all."""
+"""A choice of windows: their indices, or ALL."""
 ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A model on a log from window starts (K, 2), with R = 2 (L + 1) readings a window.
+    """Residuals and derivatives of a model from window starts (K, 2), with R = 2 (L + 1) readings a window.
 
-    e (K, R)          readings less model, whitened; 0 where nothing was read
-    S_x (K, R, 2)     derivative of the model's whitened readings with respect to the window's start
-    states (K, L+1, 2)
+    e (K, R)            readings less model, whitened; 0 where nothing was read
+    S_x (K, R, 2)       derivative of the model's whitened readings with respect to the window's start
+    states (K, L+1, 2)  the model's trajectory
     """
 
     e: Array
@@ -53,9 +53,9 @@ class Linearisation:
 
 
 class Response:
-    """A model, none of whose numbers is free, on the windows of a log.
+    """A model on K windows of a log, with the initial states (K, 2) as the only unknowns.
 
-    The states of its dynamic effects begin a window as a Kalman smoother finds them there.
+    States of dynamic effects begin each window where a Kalman smoother over the whole log finds them.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]) -> None:
@@ -66,7 +66,7 @@ class Response:
         self._gather()
 
     def _gather(self) -> None:
-        """Padded readings (K, 2, L+1) with weights 1/sd, and where each window's intervals lie in the whole log."""
+        """Set readings and weights 1/sd, padded to (K, 2, L+1), and the index in the whole log of each interval."""
         K, L = len(self.windows), self.length
         first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
         self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
@@ -85,7 +85,7 @@ class Response:
             self.y[i, :, : count + 1] = value[:, begin : begin + count + 1]
             self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
             if begin + count < len(self.records[record]):
-                self.weight[i, :, count] = 0.0  # that instant is the next window's first
+                self.weight[i, :, count] = 0.0  # that instant is the next window's first, and counts there
 
     @cached_property
     def _samples(self) -> Samples:
@@ -93,7 +93,7 @@ class Response:
 
     @property
     def reach(self) -> float:
-        """What is a large way for this log [rad], as `Extent` says."""
+        """A large way for this log [rad] (`Extent`)."""
         return self._samples.reach
 
     @cached_property
@@ -103,7 +103,7 @@ class Response:
 
     @cached_property
     def starts(self) -> Array:
-        """States (K, 2) to begin a fit with: smoothed readings at the windows' first instants."""
+        """States (K, 2) at which a refit begins: the smoothed readings at the windows' first instants."""
         return self._samples.smoothed[self._first]
 
     @cached_property
@@ -123,7 +123,7 @@ class Response:
 
     @cached_property
     def drives(self) -> Array:
-        """Drive torques (N + 1, S) of the whole log; the last row pads."""
+        """Drive torques (N + 1, S) of the whole log; the last row is padding."""
         own = self._samples.drives(self.model)[self._samples.follows]
         return np.concatenate([own, np.zeros((1, self.model.integrator.substeps))])
 
@@ -136,14 +136,14 @@ class Response:
         return _compiled(_Structure((*settings, *(_without_numbers(part) for part in moving)), self.model))
 
     def _inputs(self, among: Among) -> tuple[Array, Array, Array]:
-        """What a mapped step takes beside states, a row an interval: drive torques, time and the model's numbers."""
+        """The inputs of a mapped step beside states, a row for each interval: drive torques, time, model's numbers."""
         interval, time = self.interval[among], self.time_since_start[among, : self.length]
         numbers = numbers_of(self.model, self._step.names)
         repeated = np.broadcast_to(numbers, (interval.size, len(numbers)))
         return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1), repeated
 
     def _rolled(self, step: casadi.Function, first: Array, among: Among) -> Array:
-        """What a step makes of the first values (K, V) of windows, these included (K, L+1, V)."""
+        """The values (K, L+1, V) that a step, rolled over windows, makes of their first values (K, V)."""
         roll = step.mapaccum(self.length).map(len(first))
         rest = evaluate_mapped(roll, first, *self._inputs(among)).reshape(len(first), self.length, -1)
         return np.concatenate([first[:, None], rest], axis=1)
@@ -155,7 +155,7 @@ class Response:
     # readings ------------------------------------------------------------------------------------------------
 
     def readings(self, states: Array, among: Among = ALL) -> Array:
-        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2) of windows."""
+        """Readings (..., K, 2, L+1) of perfect sensors along states (..., K, L+1, 2) of windows."""
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
         clock = np.broadcast_to(self.time_since_start[among], states.shape[:-1])
@@ -164,7 +164,7 @@ class Response:
     def _reading_slopes(self, states: Array, Z: Array, among: Among) -> Array:
         """Derivatives (K, 2, L+1, Q) of the readings along Q directions Z (K, L+1, 2, Q) of the states.
 
-        Central differences along each direction: a sensor's memory may be long, its derivative is not.
+        They are central differences along each direction, which a sensor with a long memory makes no costlier.
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
@@ -188,8 +188,8 @@ class Response:
 
 
 class _Step(NamedTuple):
-    """A step of models that differ in the numbers `names` alone: (x, drives, t, numbers) -> its end x', the states of
-    dynamic effects among those of x; and both that and the two columns of S', each below x."""
+    """The compiled step of models that differ in the numbers `names` alone: `end` maps (x, drives, t, numbers) to x',
+    where x includes states of dynamic effects; `both` does so for x with the two columns of S below it."""
 
     names: tuple[str, ...]
     end: casadi.Function
@@ -198,22 +198,22 @@ class _Step(NamedTuple):
 
 @dataclass(frozen=True)
 class _Structure:
-    """What a model is without its numbers, by which it is one of many, and the model as one of them."""
+    """A model without its numbers, as a key under which its compiled step is kept, and one such model."""
 
     parts: tuple[Hashable, ...]
     model: Model = field(compare=False)
 
 
 def _without_numbers(part: Parametric) -> Hashable:
-    """What a plant or an effect is beside its numbers."""
+    """The type and the settings of a plant or an effect, without its numbers."""
     own = {f.name: getattr(part, f.name) for f in fields(part)}
     kept = {name: value for name, value in own.items() if name != "bounds" and name not in part.parameters}
     return type(part), *((name, _hashable(value)) for name, value in kept.items())
 
 
 def _hashable(value: object) -> Hashable:
-    """The value, or which one it is (the model that is kept beside keeps it alive): a tuple of arrays calls itself
-    hashable and is not."""
+    """The value, or its id if it cannot be hashed (a tuple of arrays only claims to be hashable). The model that is
+    kept beside the key keeps the object alive, so that its id stays its own."""
     try:
         hash(value)
     except TypeError:
@@ -223,7 +223,7 @@ def _hashable(value: object) -> Hashable:
 
 @lru_cache(maxsize=64)
 def _compiled(structure: _Structure) -> _Step:
-    """The step of all models of a structure: compiling takes as long as using it."""
+    """The compiled step for all models of a structure. It is kept, since compiling takes as long as using it."""
     model = structure.model
     sizes = [len(e.start_sd) for e in model.dynamic_effects]
     passive = {e.name for e in (*model.input_effects, *model.output_effects)}
@@ -243,10 +243,10 @@ def _compiled(structure: _Structure) -> _Step:
 
 
 def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
-    """The one output of a mapped function, a row a column of CasADi's; so are the inputs.
+    """Evaluate a mapped CasADi function of one output; each row of an array is a column for CasADi.
 
-    CasADi keeps columns together as NumPy does rows: its buffer reads and writes the arrays in place, without the
-    matrices and lists of a call, which cost half as much again as the computation.
+    CasADi stores matrices by column and NumPy by row, so that its buffer reads and writes the arrays in place. An
+    ordinary call would convert them, which costs half as much again as the computation.
     """
     buffer, run = function.buffer()
     rows = [np.ascontiguousarray(value, dtype=float) for value in inputs]
@@ -260,7 +260,7 @@ def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
 
 
 def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:
-    """Readings (2, n + 1) and their weights 1 / sd, 0 where nothing was read."""
+    """Readings (2, n + 1) and their weights 1 / sd; 0 where nothing was read."""
     value, weight = np.zeros((2, len(record) + 1)), np.zeros((2, len(record) + 1))
     for reading in sensor.readings(record):
         row = CHANNELS.index(reading.channel)

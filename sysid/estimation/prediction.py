@@ -1,4 +1,4 @@
-"""Prediction: how far off a model is over a horizon, on stretches that did not choose its numbers."""
+"""Prediction: how far off a model is over a horizon, by cross-validation on stretches that are left out in turn."""
 
 from __future__ import annotations
 
@@ -16,26 +16,23 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 WINDOW, BLOCKS = 1.0, 8
-"""Horizon [s] of a prediction, and how many stretches of a log are left out in turn."""
+"""Horizon [s] of a prediction, and number of stretches of a log that are left out in turn."""
 SHORTEST = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
-
 PERIODS = 5
-"""Periods of a free swing over which predictions are judged, and that a record shows at least."""
-
+"""Periods of a free swing over which it is predicted, if the record shows so many."""
 SURELY = 2.0
-"""Standard errors from which windows in the mean are predicted better for sure."""
-
+"""Standard errors from zero at which the mean gain over the windows is sure."""
 RUNS_AWAY = 1e3
-"""Multiple of another model's squared error in a window from which a model has lost its way there."""
-
+"""A model runs away in a window if its squared error there is so many times that of the other model."""
 GROWTH = 5.0
-"""Logarithm of the factor by which an error may grow until a prediction says nothing of the model."""
+"""Logarithm of the factor by which an error may grow before a prediction says nothing of the model."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrors:
-    """Squared errors (K,) of K windows, in units of the sensor's variance, and what they had to be for noise alone."""
+    """Summed squared errors of K windows: `squares` (K,), in units of the sensor's variance, and their expectation for
+    noise alone, `free` (K,)."""
 
     squares: Array
     free: Array
@@ -46,10 +43,11 @@ class PredictionErrors:
         return math.sqrt(float(np.sum(self.squares)) / max(float(np.sum(self.free)), 1e-9))
 
     def gain(self, other: PredictionErrors) -> tuple[float, float]:
-        """Mean of log(other's square / own) over the windows, and its standard error: no window outweighs all others.
+        """The mean of log(other's square / own) over the windows, and its standard error; positive if these are better.
 
-        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger:
-        but for the worst window, where the mean is surely positive and the model does not run away there.
+        The logarithm keeps one window from outweighing all others; the noise's share is added to both squares. If the
+        sum of squares is larger than the other's, the mean is made negative. The worst window is left out of the sums
+        if the mean is surely positive and the model does not run away there.
         """
         noise = np.maximum(self.free, 1.0)
         apart = np.log((other.squares + noise) / (self.squares + noise))
@@ -64,8 +62,8 @@ class PredictionErrors:
 
 
 def telling_horizon(records: Sequence[Record]) -> float:
-    """How far ahead [s] predictions tell of a machine: a second, and five periods of what swings freely, over which its
-    losses add up; a shorter way tells of its period alone."""
+    """How far ahead [s] predictions should look: a second, or five periods of a free swing. A shorter prediction of a
+    swing shows its period, but not its losses."""
     longest = max(records, key=len)
     read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
     if read is None or any(np.any(r.u) for r in records):
@@ -78,10 +76,10 @@ def telling_horizon(records: Sequence[Record]) -> float:
 
 
 def foreseeable(model: Model, records: Sequence[Record]) -> float:
-    """How far ahead [s] a model can predict where it spends most of the records beside an unstable rest, as a pendulum
-    does that is balanced upright; inf where it does not.
+    """How far ahead [s] a model can predict a motion near an unstable rest, such as a pendulum balanced upright: errors
+    grow by exp(GROWTH) in that time. It is inf unless most of the records are such a motion.
 
-        GROWTH / median sqrt(max(d theta_ddot / d theta, 0))
+        GROWTH / sqrt(max(median d theta_ddot / d theta, 0))
     """
     theta = np.concatenate([np.zeros(0), *(r.theta for r in records if r.theta is not None and r.has_angles)])
     if not np.any(np.isfinite(theta)):
@@ -93,23 +91,23 @@ def foreseeable(model: Model, records: Sequence[Record]) -> float:
 
 
 def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...]:
-    """The windows over which predictions are judged, with what memories need before them, and at least a `lead` [s]."""
+    """The windows over which predictions are judged, each after the lead that memories need, or at least `lead` [s]."""
     return cut(fit.samples.records, seconds, max(lead, lead_of(fit.model)))
 
 
 def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
-    """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
+    """Cross-validated errors: each block of windows is predicted with parameters from the other blocks alone.
 
-    p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
+    p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
 
-    Of a short log the windows are shorter than `seconds`: a few of them would prove nothing. Errors of two models are
-    compared over the same windows: with the longer `lead` [s] of both (`lead_of`).
+    This is one Gauss-Newton step away from block b. The windows of a short log are shorter than `seconds`, since a few
+    would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
     windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     records, sensor = fit.samples.records, fit.samples.sensor
-    # where memories have to fill first, every block would ask for the states of the whole log
+    # where memories have to fill first, every block needs the states of the whole log: they are found once
     near = refit_windows(fit.model, records, sensor, cut(records, HEAD)) if any(w.lead for w in windows) else None
     found = []
     for group in groups:
@@ -119,14 +117,14 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
 
 
 def fitted_error(fit: Fit, seconds: float) -> float:
-    """RMS error of predictions of what was fitted to, in units of the sensor noise."""
+    """The RMS error of predictions of the samples that were fitted, in units of the sensor noise."""
     samples = fit.samples
     refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
     return PredictionErrors(*_squares(refitted)).ratio
 
 
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
-    """RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
+    """The RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
     records, sensor = fit.samples.records, fit.samples.sensor
     windows = cut(records, seconds, max(lead_of(before), lead_of(after)))
     a = refit_windows(before, records, sensor, windows)
@@ -146,7 +144,7 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
 
 
 def _without(fit: Fit, windows: list[Window]) -> Model:
-    """The model with the parameters that the other blocks ask for."""
+    """The model with the parameters that fit all but these windows (see `left_out_errors`)."""
     samples, p = fit.samples, fit.values
     if not len(p):
         return fit.model

@@ -1,4 +1,4 @@
-"""Prediction error: a fitted model with everything that its filter tells of it."""
+"""Prediction error: a fitted model with its filter, and the covariance and tests that follow from the innovations."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 STRETCH = 1.0
-"""Seconds over which what a model lacks hangs together."""
+"""Length [s] of the stretches over which the effects of what a model lacks are correlated."""
 
 NUMBERS_GAIN = 6.0
-"""Decrease of the deviance that two idle numbers bring in one of 20 logs."""
+"""Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the solver ended.
+    """A fitted model: where the solver ended.
 
         min_p  sum_k log det S_k + |e_k|^2,    e_k innovations whitened by their predicted covariance S_k
 
-    model, names     the fitted model and which of its parameters were free
-    linearised       the model along the smoothed motion
-    filter           the Kalman filter there
-    Z (2 M, P)       whitened sensitivities of the innovations
-    prior            what is known beside the readings
+    model, names     the fitted model and the names of its P free parameters
+    linearised       the model linearised along the smoothed motion
+    filter           the Kalman filter of that linear system
+    Z (2 M, P)       sensitivities of the whitened innovations to the parameters
+    prior            what is known of the parameters before any reading
     converged        whether another step would change nothing
     """
 
@@ -56,7 +56,7 @@ class Fit:
 
     @property
     def motion(self) -> Motion:
-        """What the model was linearised about."""
+        """The motion that the model was linearised about."""
         return self.linearised.motion
 
     @property
@@ -66,8 +66,8 @@ class Fit:
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood, up to a constant that depends on the sensor alone; a reading that the model cannot use
-        counts as one that it explains to the noise."""
+        """-2 log likelihood with the prior, up to a constant that depends on the sensor alone; a reading that the model
+        cannot use counts 1, as if it were explained to the noise."""
         return self.filter.deviance + self.linearised.unused + self.prior.deviance(self.values)
 
     @property
@@ -77,28 +77,28 @@ class Fit:
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal columns (2 M, P or fewer) of what the free parameters can do to the innovations; one that ended
-        at a bound can do nothing more."""
+        """Orthonormal columns (2 M, P or fewer) that span how the free parameters can change the innovations, without
+        those parameters that ended at a bound."""
         free = [n not in self.at_bounds for n in self.names]
         return np.linalg.qr(self.Z[:, free])[0] if any(free) else self.Z[:, free]
 
     @property
     def at_bounds(self) -> set[str]:
-        """The free numbers that ended at a bound, where that is not the one at which an effect changes nothing."""
+        """The free parameters that ended at a bound other than the value at which their effect changes nothing."""
         own = {n: self.model.parameters[n] for n in self.names}
         return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
 
     @property
     def inertia(self) -> float:
-        """What d is multiplied with to be a torque [kg m^2]."""
+        """The model's inertia [kg m^2]: d times it is the random torque."""
         return float(self.model.inertia())
 
     @cached_property
     def covariance(self) -> Array:
-        """(P, P) of the parameters, by the readings alone; infinite where these do not determine some direction.
+        """Covariance (P, P) of the parameters from the readings alone; infinite if they leave a direction undetermined.
 
-        Beside a random torque the sd of each is at least what the scatter of the likelihood's slope g = Z'e over
-        stretches of a second makes it: no Gaussian process is what a model lacks.
+        What a model lacks is no Gaussian process. Beside a random torque the sd of each parameter is therefore at least
+        that of Huber's and White's sandwich, from the likelihood's slope g_b = Z_b'e_b in stretches b of a second:
 
             sd_i^2 = (N^-1 sum_b g_b g_b' N^-1)_ii,    N = Z'Z
         """
@@ -107,14 +107,14 @@ class Fit:
 
     @cached_property
     def wider(self) -> Array:
-        """(P,) by how much that scatter makes the sd larger than the likelihood's curvature does, at least 1."""
+        """The factor (P,), at least 1, by which the sandwich's sd exceeds that from the likelihood's curvature."""
         covariance = inverse(self.Z.T @ self.Z)
         if self.undisturbed or not np.all(np.isfinite(covariance)):
             return np.ones(len(self.names))
         return np.sqrt(np.maximum(np.diag(self._scattered(covariance)) / np.diag(covariance), 1.0))
 
     def _scattered(self, covariance: Array) -> Array:
-        """Covariance (P, P) by the scatter of the likelihood's slope over stretches of `STRETCH` (Huber, White)."""
+        """The sandwich covariance (P, P) from stretches of `STRETCH`."""
         samples = self.samples
         stretch = np.floor(samples.t / STRETCH).astype(np.intp) + 10_000_000 * samples.number
         _, number = np.unique(stretch, return_inverse=True)
@@ -126,9 +126,9 @@ class Fit:
 
     @cached_property
     def undisturbed(self) -> bool:
-        """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain.
+        """Whether the log needs no disturbance: without any, the deviance is larger by less than NUMBERS_GAIN.
 
-        Either way the readings may be as noisy as they turn out: white errors larger than was told are the noise.
+        For both, the sensor's noise is scaled up to the errors: a noise given too small asks for no disturbance.
         """
         none = replace(self.disturbances, s=0.0, sigma_o=0.0)
         read = self.samples.weight > 0.0
@@ -137,11 +137,10 @@ class Fit:
 
     @cached_property
     def likeliest_torque(self) -> Disturbances:
-        """The disturbances under which the log is likeliest, beside these numbers; NONE where it needs none.
+        """The disturbances under which the log is likeliest, given these numbers; NONE if it needs none.
 
-        There is no torque among them where an error of the angle alone does as well.
-
-        Those of the fit may have another correlation time, under which its numbers predict better.
+        They hold no random torque if an error of the angle alone does as well. The fit's own disturbances may have
+        another correlation time, under which its numbers predict better.
         """
         if self.undisturbed:
             return NONE
@@ -185,14 +184,14 @@ class Fit:
 
 
 def with_likely_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
-    """The disturbances of that correlation time T_o [s] of the angle's error under which the log is likeliest."""
+    """The fit's disturbances with the likeliest correlation time T_o [s] of the angle's error among `times`."""
     return maximum_likelihood(fitted.linearised.system, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
 
 
 def inverse(information: Array) -> Array:
-    """The covariance (P, P), scaled before it is inverted; infinite where some direction is not determined.
+    """The covariance (P, P) from an information matrix, scaled before it is inverted; infinite if it is singular.
 
-    A number that changes nothing is unknown, and leaves the others as they are.
+    A parameter without any information gets an infinite variance, and the others are inverted without it.
     """
     size = np.sqrt(np.diag(information))
     shown = np.flatnonzero(size > 0.0)
@@ -208,7 +207,7 @@ def inverse(information: Array) -> Array:
 
 
 def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
-    """-2 log likelihood, all variances of a channel times the number from 1 on that makes it smallest."""
+    """-2 log likelihood, with each channel's variances multiplied by the factor, at least 1, that minimises it."""
     deviance = float(np.sum(filter.log_variances[read]))
     for channel in range(2):
         e = filter.innovations[read[:, channel], channel]

@@ -1,4 +1,4 @@
-"""What is vaguely known of the parameters beside the readings."""
+"""Prior: what is vaguely known of the parameters before any reading."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from sysid.physics.ops import Array
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is vaguely known of the parameters: normals about `mean` (P,), of `precision` (P,) = 1 / sd^2; of those that
-    are `positive` (P,) of their logarithm about that of the mean, so that no inertia vanishes."""
+    """Independent normals of the parameters about `mean` (P,), of `precision` (P,) = 1 / sd^2. Where a parameter is
+    `positive` (P,), its logarithm is normal about log mean, so that no inertia vanishes."""
 
     mean: Array
     precision: Array
@@ -31,10 +31,11 @@ class Prior:
         known: Prior | None,
         known_names: Sequence[str],
     ) -> Prior:
-        """The numbers of the plant as they are, vaguely; those that are `known` already as they are known.
+        """The prior of a model's parameters; those among `known_names` keep what is `known` of them.
 
-        The torques of effects are hardly larger than `torque` [N m]: of two that no motion tells apart, such as
-        friction and an offset of a joint that turns one way, both would run away.
+        A number of the plant has an sd of the share `vague` of it. The torque of an effect has an sd of `torque` [N m]
+        about neutral: two that no motion tells apart (friction and an offset of a joint that turns one way) would
+        otherwise run away against each other.
         """
         own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
         mean, precision = numbers_of(model, names), np.zeros(len(names))
@@ -53,7 +54,7 @@ class Prior:
         return float(np.sum(self.rows(values)[1] ** 2))
 
     def rows(self, values: Array) -> tuple[Array, Array]:
-        """Sensitivities (P, P) and residuals (P,) that stand below those of the readings."""
+        """Sensitivities (P, P) and residuals (P,) to append to those of the readings in a least-squares problem."""
         weight = np.sqrt(self.precision)
         slope = np.where(self.positive, 1.0 / np.maximum(values, 1e-300), 1.0)
         off = np.where(self.positive, np.log(np.maximum(self.mean, 1e-300) * slope), self.mean - values)

@@ -1,4 +1,4 @@
-"""Refits: a fit with more effects, or without one, begun where it ended."""
+"""Refits: a fit with more effects, or without one, begun where another fit ended."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sysid.physics.effects import Effect
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
-    """The fit with more effects, begun where it ended."""
+    """The fit with more effects, begun where the present one ended."""
     model, names = now.model, list(now.names)
     for own in effects:
         model = model.with_effect(own)
@@ -21,9 +21,9 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
 
 
 def settled(found: Fit) -> Fit:
-    """A quick fit gone on with; where that ends nowhere, one begun anew at its numbers, if the log is likelier then.
+    """A quick fit continued until it converges; if it does not, the likelier of it and a fit begun anew at its numbers.
 
-    The correlation times stay: numbers that were judged under them are others under those that a fit begins with.
+    The correlation times stay, since the numbers were judged under them and would be others under the default ones.
     """
     after = fit_parameters(found.samples, found.model, found.names, found)
     if after.converged:
@@ -34,6 +34,6 @@ def settled(found: Fit) -> Fit:
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
-    """The fit without an effect, begun where it ended."""
+    """The fit without an effect, begun where the present one ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
     return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)

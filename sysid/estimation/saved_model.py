@@ -1,4 +1,4 @@
-"""model.json: a model as plain data, and where it was fitted, the estimate about it.
+"""model.json: a model as plain data, with the estimate of its parameters if it was fitted.
 
     {"schema": "gapfinder/model/1",
      "plant": {"name": "RodPendulum", "parameters": {"m": {"value": 1.2, "unit": "kg"}, ...}},
@@ -8,9 +8,9 @@
      "free": ["m", "l", "delay.T"],
      "estimate": null, or {"covariance": [[...]], "noise": {...}, "sensor": {...}, "random_torque": 0.0, ...}}
 
-A parameter has "bounds": [low, high] where they are not the declared ones. `free` are the names that a fit may move, in
-the order of the covariance's rows. null stands for infinity: no torque limit, no bound on that side,
-a variance that is not known. Numbers come back exactly.
+A parameter has "bounds": [low, high] if they are not the declared ones. "free" lists the names that a fit may move, in
+the order of the covariance's rows. null stands for infinity: no torque limit, no bound on that side, a variance that is
+not known. Numbers come back exactly.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, eq=False)
 class SavedModel:
-    """What a model.json holds.
+    """The content of a model.json.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class SavedModel:
     free : tuple of str
         The names that a fit may move.
     estimate : Estimate or None
-        Where the numbers come from; None where the model was never fitted.
+        The fit that the numbers come from; None if the model was never fitted.
     """
 
     model: Model
@@ -72,7 +72,7 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
     Parameters
     ----------
     answer : Model or Estimate
-        What is written.
+        The model or estimate to write.
     path : path
         The file.
 
@@ -85,7 +85,7 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
 
 
 def load(path: str | PathLike[str]) -> SavedModel:
-    """Read a model.json; a user's own effects must have been loaded (`load_effects`) before.
+    """Read a model.json; effects of your own have to be loaded (`load_effects`) before.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def load(path: str | PathLike[str]) -> SavedModel:
     Returns
     -------
     SavedModel
-        The model, its free parameters, and the estimate where it was fitted. Numbers come back exactly.
+        The model, its free parameters, and the estimate if it was fitted. Numbers come back exactly.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def load_model(path: str | PathLike[str]) -> Model:
     Returns
     -------
     Model
-        What `load` calls its model.
+        The model that `load` would return.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def _fields(part: Any, but: Collection[str] = ()) -> dict[str, Any]:
 
 
 def from_dict(data: Any) -> SavedModel:
-    """The other way round. Raises InvalidInput for another schema, for what is missing and for what is unknown."""
+    """The inverse of `to_dict`. Raises InvalidInput for another schema and for missing or unknown entries."""
     if not isinstance(data, dict) or not str(data.get("schema", "")).startswith("gapfinder/"):
         raise InvalidInput(f'it is no model of ours: expected "schema": "{SCHEMA}"')
     if data["schema"] != SCHEMA:
@@ -208,7 +208,7 @@ def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
 
 
 def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
-    """A part from its fields, null being infinity; raises InvalidInput for a field that it lacks."""
+    """A part from its fields, where None means infinity; raises InvalidInput for a field that the part lacks."""
     known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for name in fields:
         if name not in known:

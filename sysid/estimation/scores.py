@@ -1,4 +1,4 @@
-"""Score tests: what every effect of the catalogue promises at one fit, before any is fitted."""
+"""Score tests: by how much each effect of the catalogue would lower the deviance, before any is fitted."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.ops import Array
 
 VISIBLE = 1e-3
-"""|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
+"""|z_perp| / |z| below which the parameters that are free already absorb an effect."""
 SEPARATE = 1e-6
-"""Share of the largest squared length below which a direction of an effect's magnitudes is none."""
+"""Squared length below which a direction in the space of an effect's magnitudes (each of unit length) counts as 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What the fit says of an effect that the model lacks.
+    """The score test of one effect that the model lacks.
 
-        LM = (z_perp'e)^2 / |z_perp|^2,   z whitened by the filter, z_perp its part beside the free parameters'
+        LM = (z_perp'e)^2 / |z_perp|^2
 
-    lm         expected decrease of the deviance, the best over the effect's shapes
-    shapes     how many shapes were tried
-    sizes, sd  expected magnitudes from neutral and their standard deviations
-    z          (2 M, q) z_perp at the best shape
-    visible    whether it moves the readings beside the free parameters at all; absorbed: only as those do
+    z is the effect's sensitivity, whitened by the filter; z_perp is what the free parameters cannot absorb of it.
+
+    lm         expected decrease of the deviance, at the best of the effect's shapes
+    shapes     number of shapes that were tried
+    sizes, sd  expected magnitudes, counted from neutral, and their standard deviations
+    z          z_perp (2 M, q) at the best shape
+    visible    whether z_perp is not 0; absorbed: whether z_perp is 0 although z is not
     """
 
     name: str
@@ -45,19 +47,19 @@ class Score:
 
     @property
     def numbers(self) -> int:
-        """How many parameters the effect brings."""
+        """The number of parameters that the effect brings."""
         return len(self.best.neutral.parameters)
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal columns (2 M, q) of what it can do to the innovations."""
+        """Orthonormal columns (2 M, q) that span how the effect can change the innovations."""
         return np.linalg.qr(self.z)[0]
 
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
-    """Score tests of all effects that the fitted model may lack, or of those named.
+    """Score tests of all effects that the fitted model may lack, or of those in `names`.
 
-    What brakes as the actuator's damping does is none of them where that is free.
+    Where the actuator's damping is free, effects that brake as it does are left out.
     """
     found, braked = candidates(fit.model, partial(fit.samples.extent, fit.model), names), fit.model.damping in fit.names
     tested = (score(fit, own) for name, own in found.items() if not (braked and CATALOGUE[name].brakes))
@@ -65,7 +67,7 @@ def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
 
 
 def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
-    """The score test of an effect by its best alternative; None where the model runs away with it."""
+    """The score test of an effect at its best alternative; None if the model runs away with the effect."""
     effects = [probe for alternative in alternatives for probe in alternative.probes]
     sizes = [size for alternative in alternatives for size in alternative.sizes]
     owners = [k for k, alternative in enumerate(alternatives) for _ in alternative.probes]
@@ -87,7 +89,7 @@ def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
 
 
 def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes: int) -> Score:
-    """The test of one way to have the effect; a size on the wrong side of its bound explains nothing."""
+    """The score test of one alternative; a size on the wrong side of its bound explains nothing (lm = 0)."""
     beside = np.linalg.norm(z, axis=0)
     seen = (beside > VISIBLE * length) & (length > 1e-6)
     q = z.shape[1]
@@ -110,14 +112,14 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
 
 
 def alikeness(a: Score, b: Score) -> float:
-    """The smallest cosine between the spaces that two effects move the innovations in; 0 for unequal dimensions."""
+    """The smallest cosine between the spaces in which two effects change the innovations; 0 for unequal dimensions."""
     if not a.visible or not b.visible or a.z.shape != b.z.shape:
         return 0.0
     return float(np.linalg.svd(a.basis.T @ b.basis, compute_uv=False)[-1])
 
 
 def price(effect: str | Effect, each: float, shapes: int = 1) -> float:
-    """Decrease of the deviance that an effect, or that of a name, has to bring: for its numbers, its rarity and the
-    shapes tried."""
+    """The decrease of the deviance that an effect has to bring: `each` for each of its numbers, and more for its rarity
+    and for the choice among shapes."""
     own = CATALOGUE[effect]() if isinstance(effect, str) else effect
     return each * len(own.parameters) + 2.0 * own.rarity + 2.0 * math.log(shapes)

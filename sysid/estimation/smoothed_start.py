@@ -1,4 +1,4 @@
-"""Starting points for a fit: smoothed states, and numbers for the parameters."""
+"""Starting points for a fit: smoothed states without a model, and starting numbers for the parameters."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Parameter
 
 JERK, QUICKER, LARGEST_MISFIT = 60.0, (1.0, 1e2, 1e4, 1e6, 1e8), 5.0
-"""White jerk [rad/s^3 s^1/2 per rad of reach] of a machine that takes some tenths of a second to swing, factors for
-quicker ones, and how many times their noise readings may be off the motion; where a hand pushes it is four."""
+"""Density of the white jerk [rad/s^3 s^1/2 per rad of reach] of a machine that swings in some tenths of a second;
+factors for quicker ones; and the allowed RMS of readings less motion, in units of the noise (a hand's push makes 4)."""
 
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
-    """Endless starting numbers (P,): the model's own first, then Halton points about them.
+    """Endless starting numbers (P,): first the model's own, then Halton points about them.
 
-    A number at its bound starts a little inside: there a friction or a delay would have no slope to follow.
+    A number at its bound starts a little inside, since a friction or a delay has no slope to follow at its bound.
     """
     own = np.array([float(p.value) for p in parameters])
     low, high = (np.array([p.bounds[side] for p in parameters]) for side in (0, 1))
@@ -39,7 +39,7 @@ def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
 
 
 def _spread(p: Parameter, unit: float) -> float:
-    """A number within the bounds where these are narrow, else within a factor of three of the number or of zero."""
+    """A number within narrow bounds, else within a factor of three of the present number, or one scale about zero."""
     (low, high), size = p.bounds, p.scale
     if high - low <= 10.0 * size:
         return low + unit * (high - low)
@@ -49,9 +49,10 @@ def _spread(p: Parameter, unit: float) -> float:
 
 @lru_cache(maxsize=256)
 def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
-    """States (N+1, 2) of a record without any model of it: the smoothest motion that follows the readings.
+    """States (N+1, 2) of the smoothest motion that follows a record's readings, without any model of the machine.
 
-    The first of the jerks is taken that follows them to a few times their noise: only a fast machine needs another.
+    The first of several densities of the jerk is taken with which the motion follows the readings to a few times their
+    noise; only a fast machine needs another than the first.
     """
     for quicker in QUICKER:
         states = _smoothest(record, sensor, reach, JERK * quicker)
@@ -61,18 +62,18 @@ def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
 
 
 def _misfit(states: Array, record: Record, sensor: Sensor) -> float:
-    """RMS of the readings less the states (N+1, 2), in units of the sensor's sd."""
+    """The RMS of the readings less the states (N+1, 2), in units of the sensor's sd."""
     errors = [(r.value - states[r.index, int(r.channel == "theta_dot")]) / r.sd for r in sensor.readings(record)]
     return float(np.sqrt(np.nanmean(np.square(np.concatenate(errors)))))
 
 
 def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Array:
-    """The smoothest motion (N+1, 2) of a jerk.
+    """The smoothest motion (N+1, 2) for one density of the jerk, with an acceleration a that is constant over a step.
 
         min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / ((jerk reach)^2 dt),    theta_ddot = a
 
-    with a constant over a step: a Kalman smoother (white noise of density jerk times reach [rad/s^3 s^1/2] drives the
-    acceleration, reach as in `Extent`), written as one banded least-squares problem.
+    This is a Kalman smoother, written as one banded least-squares problem: white noise of density jerk times reach
+    [rad/s^3 s^1/2] drives the acceleration (reach as in `Extent`).
     """
     n, dt = len(record), record.dt
     normal = _NormalEquations(3 * (n + 1))
@@ -84,8 +85,8 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
     normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
     normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
     normal.add([k + 2, k + 5], [1.0, -1.0], jerk * reach * math.sqrt(dt))
-    # without any reading of the angle the start angle is arbitrary; hanging is the likeliest. A pin that is much weaker
-    # than the equations of motion would drown in their rounding
+    # without any reading of the angle the start angle is arbitrary, and hanging is the likeliest; a much weaker pin
+    # would drown in the rounding of the equations of motion
     pinned = 1e3 * reach if record.theta is not None and sensor.theta is not None else 1.0
     normal.add([np.array([0])], [1.0], pinned, math.pi)
     _, x, _ = dpbsv(normal.band, normal.right, lower=1)
@@ -93,8 +94,8 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
 
 
 class _NormalEquations:
-    """Those of equations  sum_i weights[i] x[columns[i]] = target  with standard deviation sd, in numbers x (N,) of
-    which none is in one equation with another that is more than five away."""
+    """The banded normal equations of  sum_i weights[i] x[columns[i]] = target  with standard deviations sd. The columns
+    of one equation lie at most five apart in x (N,)."""
 
     def __init__(self, N: int) -> None:
         self.band, self.right = np.zeros((6, N)), np.zeros(N)
@@ -102,7 +103,7 @@ class _NormalEquations:
     def add(
         self, columns: list[NDArray[np.intp]], weights: list[float], sd: Array | float, target: Array | float = 0.0
     ) -> None:
-        """More equations, a row of the columns each."""
+        """Add equations, one for each row of the columns."""
         for i, weight in zip(columns, weights, strict=True):
             self.right[i] += weight / sd**2 * target
             for j, other in zip(columns, weights, strict=True):

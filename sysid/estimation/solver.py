@@ -1,4 +1,4 @@
-"""The solver: parameters, motion and disturbances by maximum likelihood of the prediction errors."""
+"""The solver finds parameters, motion and disturbances by maximum likelihood of the prediction errors."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from sysid.physics.parameters import Extent
 
 @dataclass(frozen=True)
 class Settings:
-    """How the solver works.
+    """How the solver works. A step moves numbers and motion; its length is |Z step|, in standard deviations.
 
-    iterations   Gauss-Newton steps, at most; each linearises the model about the motion that the one before found
-    settled      a step below this share of every parameter's sd, which leaves the deviance within `negligible`, ends it
+    iterations   most Gauss-Newton steps; each linearises the model about the motion that the step before found
+    settled      a fit has converged after a step shorter than this that changes the deviance by less than `negligible`
     negligible   change of the deviance (-2 log likelihood) that no statistic would notice
-    sizes        whether the sizes of the disturbances are found, or stay
-    angle_error  whether the size of the angle's coloured error is found too, or stays
-    vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
-                 torque explains all, the readings say nothing of an inertia, and it would run away
-    torque       sd of the torque of an effect about none, as a multiple of the largest that the log shows
+    sizes        whether the sizes of the disturbances are fitted; otherwise they stay
+    angle_error  whether sigma_o, the size of the angle's coloured error, is fitted too
+    vague        prior sd of a number of the plant, as a share of that number: where a random torque explains all, the
+                 readings say nothing of an inertia, and it would run away
+    torque       prior sd of an effect's torque, as a multiple of the largest torque that the log shows
     stride       largest relative change of a parameter in a step
-    least_share  smallest share of a step, and of the motion's, that is taken where steps go to and fro (`relaxation`)
-    patience     steps until none is taken by more than half, of the motion too, since a joint that sticks now and then
-                 may go to and fro about an optimum for ever
-    widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
-                 speed and acceleration; wider slopes are those of another machine
-    wanders      share of an sd within which a fit may go to and fro in the end: no instant is nearer at which a joint
-                 that sticks now and then comes to rest
-    smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
+    least_share  smallest share of a step that is taken where steps go to and fro (`relaxation`)
+    patience     number of steps after which at most half of each is taken, since a joint that sticks now and then may
+                 go to and fro about an optimum for ever
+    widest       largest half width of the finite differences that give the model's slopes: of the angle [rad], and of
+                 speed and acceleration as shares of their sizes; wider ones would be the slopes of another machine
+    wanders      length of a step below which a fit may go to and fro in the end: a joint that sticks now and then comes
+                 to rest at one of the samples, and they are no denser
+    smallest     a disturbance is 0 if smaller than this share of the motion's acceleration (s) or sensor's sd (sigma_o)
     """
 
     iterations: int = 40
@@ -61,13 +61,13 @@ class Settings:
 DEFAULT = Settings()
 
 ASTRAY = 0.1
-"""Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
+"""A fit that has not converged and ends above its best by this deviance per reading has lost its way."""
 CALM = 8
-"""Steps that together bring nothing after which a fit that goes to and fro has ended."""
+"""A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
 STILL = 4
-"""Steps in which no number moves after which a fit has ended, though a joint that sticks settles here and there."""
+"""A fit has ended after so many settled steps in a row, although the deviance may still change where a joint sticks."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
-"""For a candidate that is only compared with others."""
+"""Settings for a candidate that is only compared with others."""
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of models that run away, which have no likelihood
@@ -79,10 +79,11 @@ def fit_parameters(
     disturbances: Disturbances | None = None,
     settings: Settings = DEFAULT,
 ) -> Fit:
-    """The likeliest parameters, begun at the model's numbers, along the motion of a fit that is `near`.
+    """Find the likeliest parameters, beginning at the model's numbers.
 
-    disturbances   where their sizes begin; their correlation times stay. By default those of `near`, else large: nearly
-                   a regression, which finds its way from far off
+    near           a fit whose motion, prior and disturbances this one begins with; by default the smoothed readings
+    disturbances   where the sizes of the disturbances begin; their correlation times stay. By default those of `near`,
+                   else large ones (`large_disturbances`)
     """
     names = tuple(names)
     if disturbances is None:
@@ -131,7 +132,7 @@ def fit_parameters(
 
 @dataclass
 class _Progress:
-    """How a fit comes on: steps in a row in which no number moved, and in which nothing was gained."""
+    """The progress of a fit: how many steps in a row were settled (`still`), and how many gained nothing (`calm`)."""
 
     settings: Settings
     before: float = math.inf
@@ -140,8 +141,8 @@ class _Progress:
     calm: int = 0
 
     def ended(self, k: int, moved: float, deviance: float, restless: bool) -> bool:
-        """Whether it ends with step k, which moves the motion so far from where the deviance is that; restless: the
-        sizes of the disturbances are on their way still."""
+        """Whether the fit ends before step k, of length `moved`, at a point with this deviance; `restless` says whether
+        the sizes of the disturbances still change."""
         settings = self.settings
         self.still = self.still + 1 if moved < settings.settled and not restless else 0
         if self.still >= STILL or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):
@@ -159,9 +160,9 @@ class _Limits:
     """How far the solver may go.
 
     low, high (P,)   bounds of the numbers; positive (P,): which of them may not be 0
-    reach (P,)       change of each over which its effect may be nowhere near linear
-    widest (3,)      how far about the motion slopes are taken [rad], [rad/s], [rad/s^2]
-    floor (2,)       logarithms of the disturbances' sizes below which there are none
+    reach (P,)       change of each number beyond which its effect may be far from linear
+    widest (3 + q,)  largest half widths of the slopes: [rad], [rad/s], [rad/s^2], and of the states of dynamic effects
+    floor (2,)       log s and log sigma_o below which the disturbances count as 0
     """
 
     low: Array
@@ -181,7 +182,7 @@ class _Limits:
         settings: Settings,
         extent: Extent,
     ) -> _Limits:
-        """Those of a model on the samples of a log, beside what is known of its numbers."""
+        """The limits for a model on a log's samples, with the prior of its numbers."""
         size = level(samples)
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
         reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
@@ -195,7 +196,7 @@ class _Limits:
         return np.clip(values, self.low, self.high)
 
     def shortened(self, step: Array, now: Array, stride: float) -> Array:
-        """The step (P,) from `now`, all of it shortened so that no number goes further than is near linear."""
+        """The step (P,) from `now`, shortened as a whole until no number moves further than is nearly linear."""
         # a positive number on its way down would be at its bound in two steps of its typical size
         longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
         moves = step != 0.0
@@ -203,20 +204,20 @@ class _Limits:
         return shorter
 
     def spread(self, filter: Filter) -> Array:
-        """How far off the motion (M, 3 + q) may be: a filter knows less than a smoother, and its sd is wide enough
-        where a joint sticks."""
+        """The half widths of the slopes (M, 3 + q): the filter's predicted sd, but at most `widest`. A filter knows
+        less than a smoother; its sd is wide enough where a joint sticks."""
         return np.minimum(filter.sd[:, filter.system.driving], self.widest)
 
 
 def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -> Array:
-    """The Gauss-Newton step (P,) of the numbers, by the innovations and by what is known beside them."""
+    """The Gauss-Newton step (P,) of the numbers, from the innovations and the prior."""
     rows, rest = prior.rows(now)
     below = np.concatenate([Z, rows]), np.concatenate([filter.innovations.ravel(), rest])
     return bounded_step(*below, limits.low - now, limits.high - now)
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
-    """min |e - Z step|^2 within low <= step <= high (P,); what the readings do not determine does not move."""
+    """The step (P,) that minimises |e - Z step|^2 within low <= step <= high; what Z does not determine stays."""
     if Z.shape[1] == 0:
         return np.zeros(0)
     size = np.linalg.norm(Z, axis=0)
@@ -239,11 +240,11 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
 
 
 def relaxation(share: float, before: Array, now: Array) -> float:
-    """The share of a step to take after a `share` of the one before, both in standard deviations.
+    """The share of the step `now` to take, after a `share` of the step `before`; both in standard deviations.
 
-    Where a step turns back by half of the one before and more, whole ones would go to and fro about an optimum, and
-    Aitken's dynamic relaxation tells how much of it leads there (Kuettler, Wall, Computational Mechanics 43 (2008) 61,
-    eq. 44):  -share before' (now - before) / |now - before|^2,  1 at most
+    Where a step turns back by at least half of the one before, whole steps would go to and fro about an optimum. Then
+    Aitken's dynamic relaxation says which share leads there (Kuettler, Wall, Computational Mechanics 43 (2008) 61,
+    eq. 44):  -share before' (now - before) / |now - before|^2,  but at most 1.
     """
     if before @ now > -0.5 * before @ before:
         return 1.0
@@ -252,25 +253,25 @@ def relaxation(share: float, before: Array, now: Array) -> float:
 
 
 def large_disturbances(samples: Samples) -> Disturbances:
-    """Those beside which a fit is nearly a regression, and finds its way from far off."""
+    """Disturbances so large that a fit beside them is nearly a regression and finds its way from far off."""
     return Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
 
 
 def shown_extent(samples: Samples, model: Model) -> Extent:
-    """The extent of a log, with the largest torque that it shows: the drive's, or what its accelerations take."""
+    """The extent of a log; u_max is the largest torque that it shows: the drive's, or inertia times acceleration."""
     extent = samples.extent(model)
     return extent._replace(u_max=max(extent.u_max, float(model.inertia()) * level(samples)))
 
 
 def _angle_sd(samples: Samples) -> float:
-    """The sd of the angle's readings, 0 where hardly any instant has one: a start that is known is no reading."""
+    """The sd of the angle's readings; 0 if at most half of the instants have one, such as a known start alone."""
     weight = samples.weight[:, 0]
     return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
 
 
 def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
-    """Over which change of a number its effect may be nowhere near linear; inf for one without bounds above, such as a
-    friction, in which the motion is linear enough."""
+    """The change of a number beyond which its effect may be far from linear. It is inf for an effect's number without
+    an upper bound, such as a friction: the motion is linear enough in it."""
     p = model.parameters[name]
     if name not in model.plant.parameters and math.isinf(p.bounds[1]):
         return math.inf

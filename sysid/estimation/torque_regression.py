@@ -1,4 +1,4 @@
-"""Torque regression: the equation of motion along smoothed readings, by least squares, which needs no first guess."""
+"""Torque regression: the equation of motion fitted along smoothed readings by least squares, without a first guess."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 SPAN = 0.2
-"""Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
+"""Seconds over which the equation of motion is integrated: unintegrated, it would drown in an acceleration's noise."""
 EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
-"""Share of the changes of the speed that has to be explained so, or shorter times are tried: a quick step is over."""
+"""If SPAN explains less than this share of the speed's changes, these times are tried, too: a step may be quicker."""
 QUARTER = 0.5 * math.pi
-"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
+"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: a faster swing is integrated over that time."""
 STANDS = 0.05
-"""Share of the RMS speed below which a joint stands, and friction may be whatever holds it."""
+"""Share of the RMS speed below which a joint counts as standing; friction then may be whatever holds it."""
 MOST = 20_000
-"""Samples that are looked at."""
+"""Most samples of a log that are used."""
 SURELY = 3.0
-"""Standard errors from which a number of the regression is no accident."""
+"""Standard errors from 0 at which a coefficient of the regression is sure."""
 ONE_SPEED = 0.2
-"""Difference of the speeds of most of a motion in a direction, as a share, below which they are nearly one."""
+"""Relative spread below which the speeds in one direction (between their 10 % and 90 % quantiles) are nearly one."""
 WHOLLY = 0.99
-"""Share of a span from which the joint moves in one direction over all of it."""
+"""Share of a span from which the joint counts as moving in one direction over all of it."""
 MADE_OF_FRICTION = 0.9
-"""Share of a torque from which it is said to be friction and load: what else there is could be anything below."""
+"""Share of a torque that friction and load have to explain to be named: if it is less, the rest could be anything."""
 
 
 class IntegratedMotion(NamedTuple):
-    """The equation of motion, integrated over N spans of the smoothed motion:
+    """The equation of motion, integrated over N spans of length T of the smoothed motion:
 
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
-    columns (N, 5)   the integrals of sin(theta), of a linear axis theta, of tau, -theta_dot, -sign(theta_dot) and 1
-    speed_change (N,)   the left-hand side [rad/s]
-    slow                the speed [rad/s] below which the joint stands, beside that of all records
+    columns (N, 5)     the integrals of sin(theta) (on a linear axis theta, for a spring in place of the weight), tau,
+                       -theta_dot, -sign(theta_dot) and 1
+    speed_change (N,)  the left-hand side [rad/s]
+    slow               the speed [rad/s] below which the joint stands, from the RMS speed of all records together
     """
 
     columns: Array
@@ -52,8 +53,8 @@ class IntegratedMotion(NamedTuple):
 
 
 def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
-    """The terms of the equation of motion over T = 0.2 s, or where these explain little, over the shorter time that
-    shows 1/J best."""
+    """The integrated equation of motion over T = 0.2 s, or if its terms explain little, over the shorter T that shows
+    1/J best."""
     terms = integrated_motion(model, records, sensor)
     if regression(terms.columns, terms.speed_change).share > EXPLAINED:
         return terms
@@ -61,7 +62,7 @@ def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> I
 
 
 def _sureness(terms: IntegratedMotion) -> float:
-    """1/J over its standard error."""
+    """1/J divided by its standard error."""
     found = regression(terms.columns, terms.speed_change)
     return found.value[1] / found.sd[1] if found.sd[1] > 0.0 else -math.inf
 
@@ -69,8 +70,11 @@ def _sureness(terms: IntegratedMotion) -> float:
 def integrated_motion(
     model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN, slow: float = 0.0
 ) -> IntegratedMotion:
-    """The terms of the equation of motion over so many seconds, or over a quarter of a swing, where the joint moves:
-    faster than `slow` [rad/s], and than a share of a record's own RMS speed; none of logs that are too short."""
+    """The equation of motion, integrated over so many `seconds`, or a quarter of a swing if that is shorter.
+
+    Spans count in which the joint moves faster than `slow` [rad/s] and than STANDS of its record's RMS speed. A record
+    shorter than four spans gives none.
+    """
     rows, targets, reach = [np.zeros((0, 5))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
     parts = first_samples(records, MOST)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
@@ -81,7 +85,7 @@ def integrated_motion(
             continue
         place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
         columns = (
-            weight_along(model, place) if model.plant.turns else place,  # what does not turn may hang on a spring
+            weight_along(model, place) if model.plant.turns else place,  # a linear axis may hang on a spring
             model.torque(place, middle, part.u),
             -middle,
             -np.sign(middle),
@@ -95,7 +99,7 @@ def integrated_motion(
 
 
 class Regression(NamedTuple):
-    """Numbers (P,) by least squares, with their standard errors, and the share of the target's variance explained."""
+    """Coefficients (P,) by least squares, their standard errors, and the explained share of the target's variance."""
 
     value: list[float]
     sd: list[float]
@@ -103,7 +107,7 @@ class Regression(NamedTuple):
 
 
 def regression(columns: Array, target: Array) -> Regression:
-    """Least squares of columns (N, P) on a target (N,); 0 +- 0 of what does not show."""
+    """Least squares of a target (N,) on columns (N, P); a column of zeros gets 0 +- 0."""
     size = np.linalg.norm(columns, axis=0)
     shown = size > 0.0
     size[~shown] = 1.0
@@ -120,25 +124,25 @@ def regression(columns: Array, target: Array) -> Regression:
 
 @dataclass(frozen=True)
 class FrictionAlong:
-    """The friction, and the constant load, that a drive's torque is made of along a motion, with standard errors.
+    """The friction and the constant load in a drive's torque along a motion, with standard errors.
 
         tau = J theta_ddot - G sin(theta) + b theta_dot + tau_c sign(theta_dot) + d
 
-    Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque:
-    friction shows, and an inertia that takes little of the torque does not. Beside a gravity that is not known, or on
-    a linear axis, which may hang on a spring, the load is that in the middle of the motion. A motion in one direction
-    cannot tell the load from dry friction: tau_c is both, beside gravity.
+    Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque.
+    Friction shows then, but an inertia that takes little of the torque does not. If gravity is not known, or on a
+    linear axis, which may hang on a spring, d is the load in the middle of the motion. A motion in one direction cannot
+    tell the load from dry friction: tau_c is their sum, without gravity.
 
     Attributes
     ----------
     viscous, coulomb, load, inertia : tuple of float
         b [N m s/rad], tau_c [N m], d [N m] and J [kg m^2], and their standard errors.
     share : float
-        The share of the torque that all terms together explain, of data that the regression has not seen: of its
-        squares about the constant torque that explains most of what was seen.
+        The share that all terms together explain of the torque's squares in data that the regression has not seen,
+        about the constant torque that fits the seen data best.
     one_way, one_speed : bool
-        Whether the joint moves in one direction only, and at nearly one speed in each direction: then tau_c is viscous
-        friction, too.
+        Whether the joint moves in one direction only; and whether at nearly one speed in each direction, so that tau_c
+        includes viscous friction.
     """
 
     viscous: tuple[float, float]
@@ -159,9 +163,8 @@ class FrictionAlong:
 def friction_along(
     model: Model, names: Sequence[str], records: Sequence[Record], unseen: Sequence[Record], sensor: Sensor
 ) -> FrictionAlong | None:
-    """The friction along the motion of records; None where torque and motion do not show one, or where it explains
-    little of the torque of unseen records. Gravity is found beside it where one of the `names` that are free tells
-    it, else it is the model's."""
+    """The friction along the motion of records; None if they show none, or if it explains little of the torque of
+    unseen records. Gravity is fitted beside it if one of the free `names` determines it; else it is the model's."""
     slow = integrated_motion(model, records, sensor).slow
     motion = integrated_motion(model, records, sensor, slow=slow)
     unseen_motion = integrated_motion(model, unseen, sensor, slow=slow)
@@ -188,14 +191,14 @@ def _shows_friction(found: Regression) -> bool:
 
 
 def _is_one_way(motion: IntegratedMotion) -> bool:
-    """Whether the joint moves in the same direction over every span, or most of it."""
+    """Whether the joint moves in the same direction over most of every span."""
     direction = motion.columns[:, 3] / motion.columns[:, 4]
     return bool(np.all(direction > 0.5) or np.all(direction < -0.5))
 
 
 def _is_at_one_speed(motion: IntegratedMotion) -> bool:
-    """Whether the spans over which the joint moves in a direction, but for a tenth at either end, have nearly the same
-    speed; that of the other direction may be another, which a load tells as well."""
+    """Whether the spans in one direction, without the fastest and the slowest tenth, have nearly the same speed. The
+    other direction may have another speed: a load would explain that as well as viscous friction."""
     speed, direction = -motion.columns[:, 2:4].T / motion.columns[:, 4]
     ways = [np.abs(speed[way]) for way in (direction < -WHOLLY, direction > WHOLLY) if np.any(way)]
     ranges = [np.quantile(own, (0.1, 0.5, 0.9)) for own in ways]
@@ -205,8 +208,8 @@ def _is_at_one_speed(motion: IntegratedMotion) -> bool:
 def _of_the_torque(
     model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion, one_way: bool
 ) -> tuple[Array, Array]:
-    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they make; of a
-    motion in one direction its sign is the constant, and 1 says nothing more."""
+    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they add up to.
+    In a motion in one direction the sign is the constant, so that the column of 1 is set to 0."""
     (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
     columns = [-less_speed, -less_sign, 0.0 * one if one_way else one, motion.speed_change]
     tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
@@ -221,12 +224,12 @@ def _of_the_torque(
 
 
 def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:
-    """The speed [rad/s] below which a joint stands: that share of the RMS of its speeds."""
+    """The speed [rad/s] below which a joint stands: a `share` of its RMS speed."""
     return share * math.sqrt(float(np.mean(np.concatenate(theta_dot) ** 2))) if theta_dot else 0.0
 
 
 def weight_along(model: Model, theta: Array) -> Array:
-    """The torque of gravity along theta, up to its size; none on what does not turn."""
+    """The torque of gravity along theta per unit of its size; 0 for a plant that does not turn."""
     return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
 
 

@@ -1,4 +1,4 @@
-"""Windows: stretches of a log that begin at initial states of their own."""
+"""Windows: stretches of a log, each with an initial state of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.record import Record
 
 UNKNOWN = 0.5
-"""Seconds at the start of a record that are not scored where the commands before it are not known."""
+"""Seconds at the start of a record that are not scored if the commands before it are not known."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +26,18 @@ class Window:
 
     @property
     def shared(self) -> int:
-        """How many of its first instants belong to the window before it: the lead, but at the start of a record."""
+        """The number of its first instants that belong to the window before it: its lead, or 0 at a record's start."""
         return self.lead if self.begin > 0 else 0
 
 
 def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) -> tuple[Window, ...]:
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
 
-    Nor is the lead of a record scored that begins in the middle of a rollout, or UNKNOWN [s] where the commands before
-    it are not known: memories fill there.
+    Where a record begins in the middle of a rollout, its own first `lead` [s] are not scored either, and at least
+    UNKNOWN [s] if the commands before it are not known: meanwhile memories fill.
 
-    The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
-    its record is.
+    The windows of a record are equally long to one interval. None is shorter than two thirds of `length`, unless its
+    record is.
     """
     windows = []
     for i, record in enumerate(records):

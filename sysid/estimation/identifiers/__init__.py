@@ -1,4 +1,4 @@
-"""Identifiers: from records to an Estimate, by one interface."""
+"""Identifiers: estimators behind one interface, from records to an Estimate."""
 
 from __future__ import annotations
 

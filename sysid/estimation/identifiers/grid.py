@@ -21,14 +21,14 @@ _BLOCK = 1_500_000
 
 @dataclass(frozen=True)
 class GridSearch:
-    """The cell of a grid over the parameters' bounds with the least mean squared one-step speed error.
+    """Search a grid over the parameters' bounds for the cell with the least mean squared one-step speed error.
 
         argmin_p mean_k (theta_dot[k+1] - f(theta[k], theta_dot[k], u[k]; p))^2
 
-    Ties go to the first cell, the first parameter varying slowest. Angles enter as a regressor. A record of one
-    interval is one step. Noise in the regressor theta_dot[k] scatters m and l of a rod, where it enters with a factor
-    of one, and biases a parameter that multiplies the speed, such as viscous.b; the covariance (linearised, plus the
-    grid's rounding) ignores that bias.
+    Of equal cells the first counts; the first parameter varies slowest. The measured theta[k] and theta_dot[k] are
+    regressors, so that their noise matters: with a factor of one (m and l of a rod) it scatters the estimate, and it
+    biases a parameter that multiplies the speed, such as viscous.b. The covariance is linearised, with the grid's
+    rounding added; it ignores that bias. A record of one interval is one step.
     Source: paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
     """
 
@@ -37,7 +37,7 @@ class GridSearch:
     sensor: Sensor = Sensor(theta_dot=1.0)
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The best cell; raises InvalidInput for infinite bounds, missing channels, over a million cells."""
+        """The best cell; raises InvalidInput for infinite bounds, missing channels or over a million cells."""
         free = free_parameters(model, self.parameters)
         check_direct(model, "GridSearch")
         records = check_records(model, records)
@@ -86,7 +86,7 @@ class GridSearch:
             columns.append((ends[1] - ends[0]) / (sides[1] - sides[0]))
         jacobian = np.stack(columns, axis=1)
         covariance = mean_square * np.linalg.pinv(jacobian.T @ jacobian) + np.diag(spacing**2 / 12.0)
-        # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
+        # both speeds of a step are noisy, and the earlier one enters through df/dtheta_dot, which is near 1
         noise = math.sqrt(mean_square / 2.0)
         edge = [n for n, a in zip(names, axes, strict=True) if fitted.parameters[n].value in (a[0], a[-1])]
         status = (
@@ -112,7 +112,7 @@ class GridSearch:
 
 
 class _Steps:
-    """All steps of some records: t, theta, before and u (K,) when each begins, and the speed after it (K,)."""
+    """The K steps of all records: t, theta, speed `before` and u at each step's beginning, and the speed `after` it."""
 
     def __init__(self, records: Sequence[Record]) -> None:
         self.records = records
@@ -120,12 +120,12 @@ class _Steps:
         self.t, self.theta, self.before, self.after, self.u = (np.concatenate(c) for c in columns)
 
     def errors(self, model: Model, drives: Drives, k: slice) -> Array:
-        """One-step speed errors (cells, K) of a model under its drive torques."""
+        """One-step speed errors (cells, K) of a model whose numbers are arrays of cells."""
         _, predicted = model.move(self.theta[k], self.before[k], tuple(d[..., k] for d in drives), self.t[k])
         return np.atleast_2d(predicted - self.after[k])
 
     def drives(self, model: Model) -> Drives:
-        """Drive torques, one (..., K) array a substep."""
+        """Drive torques, an array (..., K) for each substep."""
         if not model.input_effects:
             return (self.u,) * model.integrator.substeps
         substeps = zip(*(_drives(model, record) for record in self.records), strict=True)
@@ -143,7 +143,7 @@ def _columns(record: Record) -> tuple[Array, ...]:
 
 
 def _drives(model: Model, record: Record) -> Drives:
-    """Drive torques over a whole record, one (..., N) array a substep."""
+    """Drive torques over a whole record, an array (..., N) for each substep."""
     columns = list(model.drives(record.commands.tolist()))[len(record.previous_commands) :]
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)

@@ -1,4 +1,4 @@
-"""Output error: least squares of whole rollouts, the identifier that reaches the Cramer-Rao bound."""
+"""Least squares of whole rollouts (output error), which reaches the Cramer-Rao bound if the model is right."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 BEGUN = 0.03
-"""The random acceleration beside which a fit begins, as a share of the motion's: rollouts need not be whole yet."""
+"""The random acceleration beside which a fit begins, as a share of the motion's: rollouts may leave the model then."""
 
 HELD = Settings(iterations=10, sizes=False, vague=math.inf)
-"""Nothing is known of the numbers beside the readings."""
+"""Settings of the first fit: disturbances of a given size, and no prior for the plant's numbers."""
 
 EXACT = replace(
     HELD, iterations=100, patience=100, least_share=1.0, settled=1e-6, wanders=0.0, negligible=1e-3, widest=(0.0,) * 3
 )
-"""Slopes at a point: wider ones would move the optimum by some hundredths of an sd."""
+"""Settings of the second fit: slopes at a point, since wider ones move the optimum by some hundredths of an sd."""
 
 DAMPED = replace(EXACT, patience=0)
-"""Where rollouts hardly determine their start, whole Gauss-Newton steps may go to and fro about the optimum."""
+"""The same with at most half steps: where rollouts hardly determine their start, whole ones may go to and fro."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,12 @@ class LeastSquares:
         min_{p, x_0}  sum_records sum_k |(y_k - yhat_k(x_0, p)) / sd|^2    within the bounds of p
 
     This is the prediction-error method without disturbances. A fit begins at the smoothed readings beside a small
-    random torque, under which every instant has a state of its own as in multiple shooting, and ends without any. Every
-    reading that the sensor vouches for counts, both of an instant that was read twice. The covariance is the inverse
-    Fisher information.
+    random torque, which frees the state of every instant as multiple shooting does; it ends without any. Every reading
+    that the sensor has a noise for counts, also two of one instant. The covariance is the inverse Fisher information.
 
-    It begins at the model's own numbers, then at others, at most `starts` times, until the readings are explained to
-    the sensor's noise or two starts agree. Where no start converges, as for a model that cannot follow a whole rollout,
-    the answer is that beside a random torque, and says so.
+    Fits begin at the model's own numbers, then at others, at most `starts` times, until one explains the readings to
+    the sensor's noise or two agree. If none converges, as for a model that cannot follow a whole rollout, the answer is
+    the fit beside a random torque, and its status says so.
     """
 
     parameters: Sequence[str] = ("m", "l")
@@ -77,7 +76,7 @@ class LeastSquares:
         return _estimate(min(converged, key=_squares), len(found))
 
     def _from(self, samples: Samples, model: Model, start: Array) -> Fit:
-        """The optimum that is reached from parameters `start` (P,)."""
+        """The optimum that is reached from the parameters `start` (P,)."""
         begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
         near = fit_parameters(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
         whole = fit_parameters(samples, near.model, self.parameters, near, NONE, EXACT)
@@ -93,12 +92,12 @@ class LeastSquares:
 
 
 def _squares(found: Fit) -> float:
-    """The sum of the whitened squares of the residuals."""
+    """The sum of the squared residuals, in units of the sensor's variance."""
     return float(np.sum(found.linearised.system.r**2))
 
 
 def _misfit(found: Fit, quantile: float = 3.7) -> float:
-    """The sum of squares over its chi-square quantile (in sd above the mean); noise alone stays below 1."""
+    """The sum of squares divided by a chi-squared quantile, `quantile` sd above its mean; noise alone stays below 1."""
     degrees = max(1, found.samples.readings - len(found.names) - 2 * len(found.samples.records))
     return _squares(found) / (degrees + quantile * math.sqrt(2.0 * degrees))
 

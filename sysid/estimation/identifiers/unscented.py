@@ -1,4 +1,4 @@
-"""Unscented Kalman filter: parameters as states, swept over the rollouts until all agree."""
+"""Unscented Kalman filter with parameters as states, swept over the rollouts until the parameters settle."""
 
 from __future__ import annotations
 
@@ -34,27 +34,26 @@ class UnscentedKalman:
 
         x = (theta, theta_dot, s),   p = g(s),   s_(k+1) = s_k,   y_k = (theta, theta_dot)_k + sd * noise
 
-    g maps the real line into a parameter's bounds (`Coordinates`), so every sigma point is a model within its
-    bounds. At each rollout theta and theta_dot begin anew, with sd `start_sd` about the first readings (hanging at
-    rest where there are none); s goes on. Every reading that the sensor vouches for counts.
+    g maps the real line into a parameter's bounds (`Coordinates`), so that every sigma point is a model within its
+    bounds. In each rollout theta and theta_dot begin anew, with sd `start_sd` about the first readings (hanging at rest
+    if there are none), while s goes on. Every reading that the sensor has a noise for counts.
 
-    After one pass the first rollouts have been judged with the poor numbers of that time. So the filter sweeps:
-    what a rollout said about s is a Gaussian factor, the filter's answer less its prior in information form;
-    the next sweep filters the rollout again, from a prior about all that is known by then, and replaces its
-    factor. The factors and the prior make up the answer, so no reading counts twice (expectation propagation,
-    Minka, 2001; with the spread of posterior linearisation, Garcia-Fernandez et al., 2015). The first sweeps
-    take the readings as `gentle` times noisier, so that a poor start cannot lock the filter at wrong numbers;
-    where it does, or does not settle, other starts are tried.
+    A single pass would judge the first rollouts with poor parameters. Several sweeps are therefore made, by expectation
+    propagation (Minka, 2001; with the spread of posterior linearisation, Garcia-Fernandez et al., 2015). What a rollout
+    says about s is a Gaussian factor: the filter's answer less its prior, in information form. The next sweep filters
+    the rollout again, from a prior about all that is known by then, and replaces its factor. The answer is the product
+    of the factors and the prior, so that no reading counts twice. The first sweeps take the readings to be `gentle`
+    times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does not
+    settle, other starts are tried.
 
-    Drives of input effects are evaluated at the sigma points; their memories go on by regression on s.
-    A filter judges each reading along the motion known by then, not along the smoothed one: where only speeds are
-    read, coarsely, it stays above the bound that LeastSquares reaches, and what no reading shows (a rollout
-    at rest) its intervals understate.
-    Source of the filter: Wan & van der Merwe (2001), in filterpy's implementation.
+    Drives of input effects are evaluated at the sigma points; their memories are carried over by regression on s.
+    A filter judges each reading by the motion as it is known then, not by the smoothed one. Where only speeds are read,
+    coarsely, its errors therefore stay above the bound that LeastSquares reaches, and its intervals are too narrow for
+    what no reading shows (a rollout at rest). Source: Wan & van der Merwe (2001), in filterpy's implementation.
 
-    prior_sd     sd of s about the model's own numbers (between two bounds 1.8 is close to uniform)
-    start_sd     sd [rad], [rad/s] of a rollout's start before its first reading
-    process_sd   sd [rad], [rad/s] that the state gains in one second beside the model; 0 trusts the model
+    prior_sd     prior sd of s about the model's own numbers (between two bounds 1.8 is close to uniform)
+    start_sd     prior sd [rad], [rad/s] of a rollout's initial state
+    process_sd   process noise: sd [rad], [rad/s] that it adds to the state in one second; 0 trusts the model
     gentle       factors on the sensor's sd, one for each of the first sweeps
     alpha        spread of the sigma points, in (0, 1]
     """
@@ -107,7 +106,7 @@ class UnscentedKalman:
         """Sweeps from s = start (P,) until the estimate moves by less than a tenth of its sd."""
         nothing = _Gaussian(0.0 * prior.precision, 0.0 * prior.shift)
         factors = [nothing] * len(passes)
-        # the start is only where the filter looks first; the prior stays about the model's own numbers
+        # the filter only begins at the start; the prior stays about the model's own numbers
         total, known = prior, _Gaussian(prior.precision, prior.precision @ start)
         for sweep in range(self.sweeps):
             noisier = self.gentle[sweep] if sweep < len(self.gentle) else 1.0
@@ -163,7 +162,7 @@ class UnscentedKalman:
 
 @dataclass(frozen=True, eq=False)
 class _Gaussian:
-    """A Gaussian of s in information form: precision (P, P) and precision @ mean (P,). Products are sums."""
+    """A Gaussian of s in information form: precision (P, P) and shift = precision @ mean (P,). Products become sums."""
 
     precision: Array
     shift: Array
@@ -193,7 +192,7 @@ class _Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Where the sweeps from one start ended; squares and count (2,): whitened prediction errors by channel."""
+    """Where the sweeps from one start ended; squares and count (2,) are of the whitened innovations, by channel."""
 
     known: _Gaussian
     squares: Array
@@ -203,13 +202,13 @@ class _Found:
 
     @property
     def misfit(self) -> float:
-        """The sum of squares over what noise alone stays below in all but one of 10,000 data sets."""
+        """The sum of squares, divided by a bound that noise alone exceeds in one of 10,000 data sets."""
         n = max(1, int(np.sum(self.count)))
         return float(np.sum(self.squares)) / (n + 3.7 * math.sqrt(2.0 * n) + 9.0)
 
 
 class _Pass:
-    """The filter over one rollout."""
+    """One pass of the filter over a rollout."""
 
     def __init__(self, settings: UnscentedKalman, model: Model, coordinates: Coordinates, record: Record) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints  # loads for half a second
@@ -220,7 +219,7 @@ class _Pass:
         self.points = MerweScaledSigmaPoints(
             self.size, alpha=settings.alpha, beta=2.0, kappa=0.0, sqrt_method=square_root
         )
-        # the model reads its numbers from these rows: filling them moves it without checking bounds anew
+        # the model reads its numbers from these rows: writing to them changes it without another check of bounds
         self.rows = np.repeat(coordinates(np.zeros(len(names)))[:, None], 2 * self.size + 1, axis=1)
         self.model = model.with_parameters(dict(zip(names, self.rows, strict=True)))
         self.process = np.diag([*(np.square(settings.process_sd) * model.dt), *np.zeros(len(names))])
@@ -231,9 +230,9 @@ class _Pass:
         self.start_covariance = np.diag(np.square(settings.start_sd))
 
     def __call__(self, prior: _Gaussian, noisier: float) -> tuple[_Gaussian, Array, Array]:
-        """What is known of s after this rollout; squares (2,) of the whitened prediction errors, and their number.
+        """The posterior of s after this rollout; the sums (2,) of the squared whitened innovations, and their numbers.
 
-        The precision is nan where a sigma point went beyond all numbers.
+        The precision is nan if a sigma point overflowed.
         """
         mean, covariance = prior.moments()
         kf = _filter()(self.size, 1, self.model.dt, lambda x, channel: x[channel], self._move, self.points)
@@ -261,7 +260,7 @@ class _Pass:
         return _Gaussian.of(kf.x[2:], kf.P[2:, 2:]), squares, count
 
     def _move(self, sigmas: Array, dt: float, k: int) -> Array:
-        """All sigma points (2 dim + 1, dim) one control interval later."""
+        """All sigma points (2 dim + 1, dim), moved by one control interval."""
         s = sigmas[:, 2:]
         self.rows[:] = self.coordinates(s).T
         memory = tuple(tuple(_carried(v, self.s, s) for v in own) for own in self.memory)
@@ -273,7 +272,7 @@ class _Pass:
 
 
 def _carried(memory: Array, before: Array, after: Array) -> Array:
-    """A memory (K,) known at sigma points s = `before` (K, P), at the points `after`: its linear regression on s."""
+    """A memory (K,), known at sigma points s = `before` (K, P), carried to the points `after` by regression on s."""
     if np.ptp(memory) == 0.0:
         return memory
     middle, spread = np.mean(before, axis=0), np.std(before, axis=0)
@@ -284,7 +283,7 @@ def _carried(memory: Array, before: Array, after: Array) -> Array:
 
 @cache
 def _filter() -> type:
-    """filterpy's filter, with all sigma points in one call of the model; every reading is a component of x."""
+    """filterpy's filter, changed to move all sigma points in one call of the model; a reading is a component of x."""
     from filterpy.kalman import UnscentedKalmanFilter
 
     class Filter(UnscentedKalmanFilter):  # type: ignore[misc]
@@ -299,12 +298,12 @@ def _filter() -> type:
 
 
 def residual(channel: Index, reading: Array, predicted: Array) -> Array:
-    """Reading less prediction, angles by the shorter way round."""
+    """Reading less prediction; for angles the shorter way round."""
     return np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
 
 
 def square_root(P: Array) -> NDArray[np.floating[Any]]:
-    """U with U'U = P; eigenvalues that rounding made negative are raised to a floor."""
+    """U with U'U = P; eigenvalues that rounding has made negative are raised to a floor."""
     try:
         return np.linalg.cholesky(P).T
     except np.linalg.LinAlgError:
@@ -317,7 +316,7 @@ def square_root(P: Array) -> NDArray[np.floating[Any]]:
 
 
 def _by_instant(sensor: Sensor, record: Record) -> list[tuple[Index, Array, Array]]:
-    """For each instant: the channels that were read (an index into CHANNELS), the values and their variances."""
+    """For each instant, the channels that were read (indices into CHANNELS), the values and their variances."""
     found: list[list[tuple[int, float, float]]] = [[] for _ in range(len(record) + 1)]
     for reading in sensor.readings(record):
         row = CHANNELS.index(reading.channel)
