@@ -24,6 +24,7 @@ from sysid import (
 from sysid.estimation.identifiers.coordinates import Coordinates
 from sysid.estimation.identifiers.unscented import residual, square_root
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import distance
 
 PAPER = averaged_sensor(1.0)
 ENCODER = Sensor(theta=0.01, theta_dot=1.0)
@@ -45,12 +46,6 @@ def measured(model, sensor, n, seed, amplitude=2.0, length=150):
     rng = np.random.default_rng(seed)
     u = np.stack([multisine(rng, length, model.dt, amplitude, 2.0) for _ in range(n)])
     return sensor.measure(simulate(model, u, rng.uniform(-3.0, 3.0, n), rng.uniform(-1.0, 1.0, n)), rng)
-
-
-def distance(estimate, truth):
-    """e' P^-1 e, chi-squared with as many degrees of freedom as parameters."""
-    e = np.array([estimate.values[k] - v for k, v in truth.items()])
-    return float(e @ np.linalg.solve(estimate.covariance, e))
 
 
 @pytest.mark.long
