@@ -101,9 +101,12 @@ def write_bag_file(path, columns, storage):
 FORMS = {
     "csv": write_text,
     "tsv": lambda path, columns: write_text(path, columns, "\t"),
+    "semicolons": lambda path, columns: write_text(path, columns, ";"),
+    "blanks": lambda path, columns: write_text(path, columns, " "),
     "npz": write_npz,
     "mat 4": write_mat_4,
     "mat 5": write_mat,
+    "mat 5 struct": lambda path, columns: write_mat(path, {"log": columns}),
     "mat 7.3": write_mat_73,
     "mat 7.3 struct": lambda path, columns: write_mat_73(path, columns, "log"),
     "parquet": write_parquet,
