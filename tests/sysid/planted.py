@@ -10,6 +10,7 @@ from functools import cache, partial
 import numpy as np
 from scipy.stats import chi2
 
+from study.paper.protocol import averaged_sensor, paper_rollouts
 from sysid import (
     RK4,
     Coulomb,
@@ -24,6 +25,7 @@ from sysid import (
     JointEffect,
     Lag,
     Model,
+    Plant,
     Record,
     Ripple,
     RodPendulum,
@@ -45,6 +47,10 @@ from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
+PAPER = averaged_sensor(1.0)
+ENCODER = Sensor(theta=0.01, theta_dot=1.0)
+PAPERS_ENCODER = dataclasses.replace(PAPER, theta=0.01)
+"""The paper's sensor, one that reads angles, too, and the paper's with these angles."""
 RICH = Model(
     GeneralJoint(J=0.05, G=1.2),
     (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
@@ -70,6 +76,11 @@ def truth(*effects: Effect) -> Model:
 def drives(model: Model, u: np.ndarray) -> np.ndarray:
     """The drive torques of a record, (N, substeps)."""
     return np.array(list(model.drives(u.tolist())))
+
+
+def energy(plant: Plant, theta: np.ndarray, theta_dot: np.ndarray) -> np.ndarray:
+    """1/2 J theta_dot^2 + G cos(theta), G the largest gravity torque."""
+    return 0.5 * plant.inertia() * theta_dot**2 + plant.gravity_torque(0.5 * math.pi) * np.cos(theta)
 
 
 def logs(
@@ -117,6 +128,14 @@ def assert_found(estimate: Estimate, model: Model) -> None:
 def assert_recovered(effect: Effect, records: Sequence[Record]) -> None:
     """A fit from neutral, and from the wrong rod, ends at the truth within its stated error."""
     assert_found(fit(rod(effect.at_neutral()), records, SENSOR), truth(effect))
+
+
+def papers_records(model: Model, n: int, seed: int, sensor: Sensor, noise: np.random.Generator) -> list[Record]:
+    """The paper's rollouts; their exact angles, or start angles alone, get the sensor's error."""
+    rollouts = paper_rollouts(model, n, np.random.default_rng(seed))
+    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
+    angles = [theta + sensor.theta * noise.standard_normal(len(theta)) for theta in exact]
+    return [dataclasses.replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
 
 
 def assert_named(effect: Effect, records: Sequence[Record]) -> Diagnosis:

@@ -57,7 +57,7 @@ def write_parquet(path, columns):
     return path
 
 
-def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), topic="/joint_states", effort=True, extra=()):
+def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), effort=True, extra=()):
     """A bag's folder: messages JointState in which the first of the joints is the log's, and others stand still.
 
     extra   (topic, type, values (K,)): messages of one number, each sent just before the state of its row
@@ -70,7 +70,7 @@ def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), topic="/jo
     State, Header, Time = (store.types[n] for n in (state, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
     others = [0.0] * (len(joints) - 1)
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-        states = writer.add_connection(topic, state, typestore=store)
+        states = writer.add_connection("/joint_states", state, typestore=store)
         numbers = [(writer.add_connection(name, kind, typestore=store), kind, values) for name, kind, values in extra]
         for k, t in enumerate(columns["t"]):
             stamp = round(1e9 * t)

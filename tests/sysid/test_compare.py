@@ -105,10 +105,10 @@ def test_a_delay_is_named_with_its_size(lag: int, driven: Callable[..., list[Rec
     assert not c.adequate
 
 
-def held_at(model: Model, seed: int, n: int = 3, T: float = 6.0) -> list[Record]:
+def held_at(model: Model, seed: int) -> list[Record]:
     """Rollouts in which a PD controller turns the joint from one angle to the next: the torque follows the readings."""
-    rng, N, records = np.random.default_rng(seed), round(T / model.dt), []
-    for i in range(n):
+    rng, N, records = np.random.default_rng(seed), round(6.0 / model.dt), []
+    for i in range(3):
         goal = math.pi + np.repeat(rng.uniform(-1.0, 1.0, N // 50 + 1), 50)
         state = model.initial_state(math.pi + rng.uniform(-0.5, 0.5), 0.0)
         u, theta, theta_dot = np.zeros(N), np.zeros(N + 1), np.zeros(N + 1)

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import binom, chi2
 
-from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
+from study.paper.protocol import paper_model
 from sysid import (
     RK4,
     Coulomb,
@@ -21,20 +21,13 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine, steps
-from tests.sysid.planted import RICH, assert_found, distance
+from tests.sysid.planted import ENCODER, PAPER, PAPERS_ENCODER, RICH, assert_found, distance, papers_records
 
-PAPER = averaged_sensor(1.0)
-ENCODER = Sensor(theta=0.01, theta_dot=1.0)
-PAPERS_ENCODER = dataclasses.replace(PAPER, theta=0.01)
 TRUTH = paper_model(2.0, 1.5)
 
 
 def rollouts(sensor, n, seed):
-    rng = np.random.default_rng([seed, 1])
-    rollouts = paper_rollouts(TRUTH, n, np.random.default_rng(seed))
-    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
-    angles = [theta + sensor.theta * rng.standard_normal(len(theta)) for theta in exact]
-    return [dataclasses.replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
+    return papers_records(TRUTH, n, seed, sensor, np.random.default_rng([seed, 1]))
 
 
 def lab(model, sensor, n=4, length=300, seed=0):
