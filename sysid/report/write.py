@@ -84,7 +84,7 @@ def _(answer: Diagnosis) -> Page:
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
-            _parameters(answer, mended),
+            _parameters(answer),
             *_steps(answer),
             horizon_table([c.errors for c in answer.comparisons]),
             *_ruled_out(answer),
@@ -205,7 +205,7 @@ def _maps(compared: Sequence[Comparison]) -> Section:
     return Section("Where the model fails", tuple(says), pictures)
 
 
-def _parameters(answer: Diagnosis, mended: bool) -> Table:
+def _parameters(answer: Diagnosis) -> Table:
     parameters, sd, interval = answer.model.parameters, answer.estimate.sd, answer.estimate.interval()
     rows = []
     for name, value in answer.estimate.values.items():
@@ -217,13 +217,13 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
                 typesetting.measured(value, sd[name]),
                 f"{low} to {high}" if math.isfinite(sd[name]) else "",
                 spaced_unit(parameters[name].unit).strip(),
-                *([typesetting.typeset(came)] if mended else []),
+                *([typesetting.typeset(came)] if answer.mended else []),
                 "at its bound" if name in answer.estimate.at_bound else "",
             ]
         )
-    came_heads = ("as it came, refitted",) if mended else ()
+    came_heads = ("as it came, refitted",) if answer.mended else ()
     heads = ("parameter", f"value {typesetting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
-    return Table("The mended model" if mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
+    return Table("The mended model" if answer.mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:

@@ -150,11 +150,9 @@ class Session:
     def save(self, state: SessionState) -> None:
         write_whole(self.folder / "session.json", json.dumps(asdict(state), indent=1))
 
-    def change(self, **changes: Any) -> SessionState:
+    def change(self, **changes: Any) -> None:
         """Keep it with these fields changed."""
-        state = replace(self.state, **changes)
-        self.save(state)
-        return state
+        self.save(replace(self.state, **changes))
 
     def of(self, node: int) -> Path:
         """The folder of a model."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 
 import numpy as np
 from scipy.stats import chi2
 
+from study.paper.protocol import averaged_sensor, paper_rollouts
 from sysid import (
     RK4,
     Coulomb,
@@ -18,9 +19,13 @@ from sysid import (
     Drag,
     Drift,
     Effect,
+    Estimate,
     GeneralJoint,
+    Joint,
+    JointEffect,
     Lag,
     Model,
+    Plant,
     Record,
     Ripple,
     RodPendulum,
@@ -30,16 +35,22 @@ from sysid import (
     Stamp,
     Tilt,
     TorqueBias,
+    Trajectory,
     VelocityGain,
     Viscous,
     diagnose,
     fit,
     simulate,
 )
+from sysid.physics.ops import Value
 from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
+PAPER = averaged_sensor(1.0)
+ENCODER = Sensor(theta=0.01, theta_dot=1.0)
+PAPERS_ENCODER = dataclasses.replace(PAPER, theta=0.01)
+"""The paper's sensor, one that reads angles, too, and the paper's with these angles."""
 RICH = Model(
     GeneralJoint(J=0.05, G=1.2),
     (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
@@ -48,6 +59,7 @@ RICH = Model(
     u_max=2.0,
 )
 """A joint with friction, a late drive and an offset: five effects at once."""
+STEPS = partial(steps, u_max=1.5, hold=0.3)
 FEW = ("viscous", "coulomb", "tilt", "delay")
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
@@ -66,21 +78,64 @@ def drives(model: Model, u: np.ndarray) -> np.ndarray:
     return np.array(list(model.drives(u.tolist())))
 
 
+def energy(plant: Plant, theta: np.ndarray, theta_dot: np.ndarray) -> np.ndarray:
+    """1/2 J theta_dot^2 + G cos(theta), G the largest gravity torque."""
+    return 0.5 * plant.inertia() * theta_dot**2 + plant.gravity_torque(0.5 * math.pi) * np.cos(theta)
+
+
 def logs(
-    model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0, spin: float = 0.0, sensor: Sensor = SENSOR
+    model: Model,
+    seed: int = 0,
+    n: int = 5,
+    seconds: float = 5.0,
+    spin: float = 0.0,
+    sensor: Sensor | None = SENSOR,
+    draw: Callable[[np.random.Generator, int, float], np.ndarray] = STEPS,
 ) -> list[Record]:
-    """Rollouts that begin near hanging, with speed `spin` [rad/s] in turns forwards and backwards."""
+    """Rollouts that begin near hanging, with speed `spin` [rad/s] in turns forwards and backwards; exact without a
+    sensor. `draw` makes the commands of one, of a generator, their number and their interval [s]."""
     rng = np.random.default_rng(seed)
-    u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
-    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), spin * (-1.0) ** np.arange(n)), rng)
+    u = np.array([draw(rng, round(seconds / model.dt), model.dt) for _ in range(n)])
+    run = simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), spin * (-1.0) ** np.arange(n))
+    return without_noise(run) if sensor is None else sensor.measure(run, rng)
+
+
+def without_noise(run: Trajectory) -> list[Record]:
+    return [Record(run.t, *row) for row in zip(run.u, run.theta_read, run.theta_dot_read, strict=True)]
+
+
+def with_memory(white: np.ndarray, T: float) -> np.ndarray:
+    """An Ornstein-Uhlenbeck process of correlation time T [s] of white numbers (n, N), of the same sd."""
+    kept, d = math.exp(-DT / T), white.copy()
+    for k in range(1, d.shape[1]):
+        d[:, k] = kept * d[:, k - 1] + math.sqrt(1.0 - kept**2) * d[:, k]
+    return d
+
+
+def distance(estimate: Estimate, truth: Mapping[str, float]) -> float:
+    """e' P^-1 e of the errors e, chi-square with as many degrees of freedom as there are fitted parameters."""
+    e = np.array([estimate.values[name] - truth[name] for name in estimate.names])
+    return float(e @ np.linalg.solve(estimate.covariance, e))
+
+
+def assert_found(estimate: Estimate, model: Model) -> None:
+    """A fit succeeded, and ends at the numbers of this model within its stated error."""
+    assert estimate.success
+    truth = {name: float(p.value) for name, p in model.parameters.items()}
+    assert distance(estimate, truth) < chi2.ppf(0.999, len(estimate.names))
 
 
 def assert_recovered(effect: Effect, records: Sequence[Record]) -> None:
     """A fit from neutral, and from the wrong rod, ends at the truth within its stated error."""
-    estimate, model = fit(rod(effect.at_neutral()), records, SENSOR), truth(effect)
-    assert estimate.success
-    error = np.array([estimate.values[n] - float(model.parameters[n].value) for n in estimate.names])
-    assert error @ np.linalg.solve(estimate.covariance, error) < chi2.ppf(0.999, len(error))
+    assert_found(fit(rod(effect.at_neutral()), records, SENSOR), truth(effect))
+
+
+def papers_records(model: Model, n: int, seed: int, sensor: Sensor, noise: np.random.Generator) -> list[Record]:
+    """The paper's rollouts; their exact angles, or start angles alone, get the sensor's error."""
+    rollouts = paper_rollouts(model, n, np.random.default_rng(seed))
+    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
+    angles = [theta + sensor.theta * noise.standard_normal(len(theta)) for theta in exact]
+    return [dataclasses.replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
 
 
 def assert_named(effect: Effect, records: Sequence[Record]) -> Diagnosis:
@@ -104,9 +159,7 @@ def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None,
     if u is None:
         u = np.array([steps(rng, 200, DT, 1.5, 0.3) for _ in range(5)])
     theta = math.pi + np.linspace(-0.8, 0.8, len(u))
-    factor, d = math.exp(-DT / T), rms * rng.standard_normal(u.shape)
-    for k in range(1, u.shape[1]):
-        d[:, k] = factor * d[:, k - 1] + math.sqrt(1.0 - factor**2) * d[:, k]
+    d = with_memory(rms * rng.standard_normal(u.shape), T)
     made = SENSOR.measure(simulate(model, u + d, theta, np.zeros(len(u))), rng)
     return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
 
@@ -139,6 +192,19 @@ PLANTED = {
     "drift": (Drift(r=0.05),),
     "coulomb and spring": (Coulomb(tau_c=0.04), Spring(k=0.6)),
 }
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Unknown(JointEffect):
+    """tau = curve(joint): no effect of the catalogue."""
+
+    curve: Callable[[Joint], Value] = lambda joint: 0.0
+
+    def torque(self, joint: Joint) -> Value:
+        """curve(joint) [N m]."""
+        return self.curve(joint)
+
+
 UNKNOWN: dict[str, tuple[Effect, tuple[str, ...], str]] = {
     "speed": (Drag(c=0.02), ("tilt", "delay", "torque_bias"), "theta_dot"),
     "angle": (Ripple(a=0.08, b=0.03, order=5.0), ("viscous", "coulomb", "delay", "tilt"), "theta"),

@@ -57,7 +57,7 @@ def write_parquet(path, columns):
     return path
 
 
-def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), topic="/joint_states", effort=True, extra=()):
+def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), effort=True, extra=()):
     """A bag's folder: messages JointState in which the first of the joints is the log's, and others stand still.
 
     extra   (topic, type, values (K,)): messages of one number, each sent just before the state of its row
@@ -70,7 +70,7 @@ def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), topic="/jo
     State, Header, Time = (store.types[n] for n in (state, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
     others = [0.0] * (len(joints) - 1)
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-        states = writer.add_connection(topic, state, typestore=store)
+        states = writer.add_connection("/joint_states", state, typestore=store)
         numbers = [(writer.add_connection(name, kind, typestore=store), kind, values) for name, kind, values in extra]
         for k, t in enumerate(columns["t"]):
             stamp = round(1e9 * t)
@@ -101,9 +101,12 @@ def write_bag_file(path, columns, storage):
 FORMS = {
     "csv": write_text,
     "tsv": lambda path, columns: write_text(path, columns, "\t"),
+    "semicolons": lambda path, columns: write_text(path, columns, ";"),
+    "blanks": lambda path, columns: write_text(path, columns, " "),
     "npz": write_npz,
     "mat 4": write_mat_4,
     "mat 5": write_mat,
+    "mat 5 struct": lambda path, columns: write_mat(path, {"log": columns}),
     "mat 7.3": write_mat_73,
     "mat 7.3 struct": lambda path, columns: write_mat_73(path, columns, "log"),
     "parquet": write_parquet,

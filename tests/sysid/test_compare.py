@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -38,37 +40,23 @@ from sysid import (
 )
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.planning.excitation import multisine, steps
+from tests.sysid import planted
+from tests.sysid.planted import SENSOR
 
-BOTH = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
+logs = partial(planted.logs, n=4, seconds=6.0)
+multisines = partial(logs, draw=partial(multisine, u_max=1.5, f_max=2.5))
 
 
-def logs(
-    model: Model, seed: int = 0, n: int = 4, sensor: Sensor = BOTH, signal: str = "steps", T: float = 6.0
-) -> list[Record]:
-    """n rollouts, begun near hanging."""
-    rng = np.random.default_rng(seed)
-    N = round(T / model.dt)
-    shapes = {
-        "steps": lambda: steps(rng, N, model.dt, 1.5, 0.3),
-        "multisine": lambda: multisine(rng, N, model.dt, 1.5, 2.5),
-    }
-    u = np.array([shapes[signal]() for _ in range(n)])
-    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
-
-
-def comparison(*effects: Effect, signal: str = "steps", seed: int = 0) -> Comparison:
+def comparison(*effects: Effect, seed: int = 0, logs: Callable[..., list[Record]] = logs) -> Comparison:
     """ROD against logs of ROD with effects."""
-    model = ROD
-    for effect in effects:
-        model = model.with_effect(effect)
-    return compare(ROD, logs(model, signal=signal, seed=seed), BOTH)
+    return compare(ROD, logs(replace(ROD, effects=effects), seed), SENSOR)
 
 
 @pytest.fixture(scope="module")
 def perfect() -> list[Comparison]:
     """The true model against 40 logs."""
-    return [compare(ROD, logs(ROD, seed, n=2, T=4.0), BOTH) for seed in range(40)]
+    return [compare(ROD, logs(ROD, seed, n=2, seconds=4.0), SENSOR) for seed in range(40)]
 
 
 def test_a_perfect_model_is_called_so(perfect: list[Comparison]) -> None:
@@ -105,11 +93,11 @@ def test_the_map_of_a_perfect_model_is_flat(perfect: list[Comparison]) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("signal", ["steps", "multisine"])
+@pytest.mark.parametrize("driven", [logs, multisines], ids=["steps", "multisine"])
 @pytest.mark.parametrize("lag", [1, 2, 4])
-def test_a_delay_is_named_with_its_size(lag: int, signal: str) -> None:
+def test_a_delay_is_named_with_its_size(lag: int, driven: Callable[..., list[Record]]) -> None:
     T = lag * ROD.dt
-    c = comparison(Delay(T=T, longest=0.1), signal=signal)
+    c = comparison(Delay(T=T, longest=0.1), logs=driven)
     assert c.causes[0].effect == "delay" or "delay" in c.causes[0].alike
     (size,) = c.causes[0].numbers.values()
     assert abs(size["value"]) == pytest.approx(T if c.causes[0].effect == "delay" else lag, rel=0.05)
@@ -117,16 +105,16 @@ def test_a_delay_is_named_with_its_size(lag: int, signal: str) -> None:
     assert not c.adequate
 
 
-def held_at(model: Model, seed: int, n: int = 3, T: float = 6.0) -> list[Record]:
+def held_at(model: Model, seed: int) -> list[Record]:
     """Rollouts in which a PD controller turns the joint from one angle to the next: the torque follows the readings."""
-    rng, N, records = np.random.default_rng(seed), round(T / model.dt), []
-    for i in range(n):
+    rng, N, records = np.random.default_rng(seed), round(6.0 / model.dt), []
+    for i in range(3):
         goal = math.pi + np.repeat(rng.uniform(-1.0, 1.0, N // 50 + 1), 50)
         state = model.initial_state(math.pi + rng.uniform(-0.5, 0.5), 0.0)
         u, theta, theta_dot = np.zeros(N), np.zeros(N + 1), np.zeros(N + 1)
         for k in range(N + 1):
-            theta[k] = state.theta + BOTH.theta * rng.standard_normal()
-            theta_dot[k] = state.theta_dot + BOTH.theta_dot * rng.standard_normal()
+            theta[k] = state.theta + SENSOR.theta * rng.standard_normal()
+            theta_dot[k] = state.theta_dot + SENSOR.theta_dot * rng.standard_normal()
             if k < N:
                 u[k] = np.clip(-4.0 * (theta[k] - goal[k]) - theta_dot[k], -4.0, 4.0)
                 state = model.advance(state, u[k], k * model.dt)
@@ -137,11 +125,11 @@ def held_at(model: Model, seed: int, n: int = 3, T: float = 6.0) -> list[Record]
 @pytest.mark.parametrize("seed", range(3))
 def test_under_feedback_a_delay_is_a_delay(seed: int) -> None:
     """The torque is computed from the motion: the coming torque tells of the motion as well as the past one does."""
-    c = compare(ROD, held_at(ROD.with_effect(Delay(T=0.06, longest=0.1)), seed), BOTH)
+    c = compare(ROD, held_at(ROD.with_effect(Delay(T=0.06, longest=0.1)), seed), SENSOR)
     assert [cause.effect for cause in c.causes] == ["delay"]
     assert c.causes[0].numbers["delay.T"]["value"] == pytest.approx(0.06, abs=0.002)
     assert "a delay of the torque of about 60 ms" in c.sentence
-    assert compare(ROD, held_at(ROD, seed), BOTH).adequate
+    assert compare(ROD, held_at(ROD, seed), SENSOR).adequate
 
 
 def test_a_stamp_of_the_next_row_is_told_from_a_delay() -> None:
@@ -200,7 +188,7 @@ def test_two_effects_at_once() -> None:
 
 def test_numbers_of_the_plant_that_are_off() -> None:
     heavy = Model(RodPendulum(m=1.05, l=0.945), dt=ROD.dt)
-    c = compare(ROD, logs(heavy), BOTH)
+    c = compare(ROD, logs(heavy), SENSOR)
     assert [cause.effect for cause in c.causes] == ["plant"]
     inertia, gravity = (v["value"] for v in c.causes[0].numbers.values())
     assert inertia == pytest.approx(1.05**3 - 1.0, abs=0.02)
@@ -211,7 +199,7 @@ def test_numbers_of_the_plant_that_are_off() -> None:
 def test_what_an_estimates_numbers_would_absorb_is_no_cause() -> None:
     """Of a fit, m and l were free: that they are off beside a missing friction is no second cause."""
     records = logs(ROD.with_effect(Coulomb(tau_c=0.15)))
-    estimate = fit(ROD, records, BOTH, ["m", "l"])
+    estimate = fit(ROD, records, SENSOR, ["m", "l"])
     c = compare(estimate, logs(ROD.with_effect(Coulomb(tau_c=0.15)), seed=1))
     assert [cause.effect for cause in c.causes] == ["coulomb"]
     assert c.causes[0].numbers["coulomb.tau_c"]["value"] == pytest.approx(0.15, rel=0.1)
@@ -220,7 +208,7 @@ def test_what_an_estimates_numbers_would_absorb_is_no_cause() -> None:
 def test_where_the_fitted_numbers_are_others_in_these_records_that_is_said() -> None:
     """A mass that was changed after the fit, beside a friction that the model lacks."""
     rubbed = replace(ROD, plant=RodPendulum(m=1.15, l=0.9)).with_effect(Coulomb(tau_c=0.1))
-    c = compare(ROD, logs(rubbed), BOTH, ["m", "l"])
+    c = compare(ROD, logs(rubbed), SENSOR, ["m", "l"])
     assert [cause.effect for cause in c.causes] == ["plant", "coulomb"]
     assert c.causes[1].numbers["coulomb.tau_c"]["value"] == pytest.approx(0.1, rel=0.05)
     assert "the model's own numbers are others here" in c.sentence and "something else" not in c.sentence
@@ -244,7 +232,7 @@ def test_the_curves_are_the_missing_torque(seed: int) -> None:
 
 def pushed(model: Model, push: np.ndarray, name: str) -> list[Record]:
     records = logs(model)
-    moved = BOTH.measure(simulate(model, records[2].u + push, records[2].theta[0], 0.0), np.random.default_rng(1))[0]
+    moved = SENSOR.measure(simulate(model, records[2].u + push, records[2].theta[0], 0.0), np.random.default_rng(1))[0]
     records[2] = Record(moved.t, records[2].u, moved.theta, moved.theta_dot, name=name)
     return records
 
@@ -252,7 +240,7 @@ def pushed(model: Model, push: np.ndarray, name: str) -> list[Record]:
 def test_a_gust_is_found_in_its_rollout() -> None:
     push = np.zeros(300)
     push[25:50], push[150:175] = 0.4, 0.6
-    c = compare(ROD, pushed(ROD, push, "gusty"), BOTH)
+    c = compare(ROD, pushed(ROD, push, "gusty"), SENSOR)
     assert c.causes == () and c.torque is not None
     assert c.torque.depends_on == ("time",)
     assert "depends on time, strongest in gusty at 3." in c.sentence
@@ -264,7 +252,7 @@ def test_what_a_hand_touched_is_set_apart() -> None:
     """A hand that pushes once; beyond it the friction that is missing is still seen."""
     push = np.zeros(300)
     push[155:165] = 15.0
-    c = compare(ROD, pushed(ROD.with_effect(Viscous(b=0.03)), push, "pushed"), BOTH)
+    c = compare(ROD, pushed(ROD.with_effect(Viscous(b=0.03)), push, "pushed"), SENSOR)
     assert c.worst[0].record == "pushed" and c.torque is not None
     (touch,) = c.torque.contacts
     assert touch.name == "pushed" and 2.8 < touch.t_begin < 3.2
@@ -275,7 +263,7 @@ def test_what_a_hand_touched_is_set_apart() -> None:
 def test_the_size_of_the_missing_torque_is_said() -> None:
     """RMS of a planted ripple along the motion, and what it is of the drive's."""
     records, ripple = logs(ROD.with_effect(Ripple(a=0.15, b=0.1, order=5.0))), Ripple(a=0.15, b=0.1, order=5.0)
-    c = compare(ROD, records, BOTH)
+    c = compare(ROD, records, SENSOR)
     theta = np.concatenate([r.theta for r in records if r.theta is not None])
     planted = math.sqrt(np.mean((ripple.a * np.sin(5.0 * theta) + ripple.b * np.cos(5.0 * theta)) ** 2))
     drive = math.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
@@ -297,15 +285,15 @@ def test_an_axis_is_told_in_metres_and_newtons() -> None:
 
 def test_the_worst_windows_hold_readings_and_model() -> None:
     records = logs(ROD.with_effect(Tilt(alpha=0.05)))
-    worst = compare(ROD, records, BOTH).worst
+    worst = compare(ROD, records, SENSOR).worst
     assert len(worst) == 3
     for found in worst:
         record, read = next(r for r in records if r.name == found.record), slice(0, -1)  # a nan ends the window
         at = np.searchsorted(record.t, found.t[read] - 1e-9)
         np.testing.assert_allclose(found.readings["theta"][read], record.theta[at], rtol=1e-12)
         np.testing.assert_array_equal(found.command[read], record.u[np.minimum(at, len(record) - 1)])
-        e = (found.readings["theta_dot"] - found.model["theta_dot"])[read] / BOTH.theta_dot
-        e = np.concatenate([e, (found.readings["theta"] - found.model["theta"])[read] / BOTH.theta])
+        e = (found.readings["theta_dot"] - found.model["theta_dot"])[read] / SENSOR.theta_dot
+        e = np.concatenate([e, (found.readings["theta"] - found.model["theta"])[read] / SENSOR.theta])
         assert math.sqrt(np.sum(e**2) / (len(e) - 2)) == pytest.approx(found.ratio, rel=1e-6)
 
 
@@ -329,23 +317,23 @@ def test_one_channel_is_enough(sensor: Sensor) -> None:
 
 def test_the_noise_is_found_where_it_is_not_given() -> None:
     c = compare(ROD, logs(ROD))
-    assert c.sensor.theta == pytest.approx(BOTH.theta, rel=0.1)
+    assert c.sensor.theta == pytest.approx(SENSOR.theta, rel=0.1)
     assert c.ratio == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_free_swing_and_one_short_rollout() -> None:
     """No torque to depend on; fewer readings than one window."""
-    swing = BOTH.measure(simulate(ROD.with_effect(Viscous(b=0.1)), np.zeros(200), 2.0, 0.0), np.random.default_rng(0))
-    c = compare(ROD, swing, BOTH)
+    swing = SENSOR.measure(simulate(ROD.with_effect(Viscous(b=0.1)), np.zeros(200), 2.0, 0.0), np.random.default_rng(0))
+    c = compare(ROD, swing, SENSOR)
     assert c.causes[0].effect == "viscous"
     assert c.torque is not None and math.isinf(c.torque.share)
-    short = compare(ROD, logs(ROD, n=1, T=0.4), BOTH)
+    short = compare(ROD, logs(ROD, n=1, seconds=0.4), SENSOR)
     assert short.one_second.n_windows == 1
     json.dumps(short.to_dict(), allow_nan=False)
 
 
 def test_a_model_that_runs_away_is_said() -> None:
-    c = compare(ROD.with_effect(Drag(c=500.0, bounds={"c": (0.0, 1e4)})), logs(ROD), BOTH)
+    c = compare(ROD.with_effect(Drag(c=500.0, bounds={"c": (0.0, 1e4)})), logs(ROD), SENSOR)
     assert "runs away" in c.sentence
     json.dumps(c.to_dict(), allow_nan=False)
     assert "inf" in str(c)
@@ -354,10 +342,10 @@ def test_a_model_that_runs_away_is_said() -> None:
 
 def test_other_plants_and_rates() -> None:
     point = Model(PointMassPendulum(m=0.7, l=0.5), dt=0.05)
-    assert compare(point, logs(point), BOTH).adequate
-    assert compare(point, logs(point.with_effect(Coulomb(tau_c=0.05))), BOTH).causes[0].effect == "coulomb"
+    assert compare(point, logs(point), SENSOR).adequate
+    assert compare(point, logs(point.with_effect(Coulomb(tau_c=0.05))), SENSOR).causes[0].effect == "coulomb"
 
 
 def test_records_that_do_not_fit_are_said() -> None:
     with pytest.raises(InvalidInput, match="steps every"):
-        compare(Model(RodPendulum(), dt=0.05), logs(ROD), BOTH)
+        compare(Model(RodPendulum(), dt=0.05), logs(ROD), SENSOR)

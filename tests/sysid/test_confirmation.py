@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any, cast
@@ -52,13 +53,20 @@ class Scripted(Confirmation):
         return addition.name in self.hiding
 
 
-@given(st.integers(0, 2**32 - 1), st.frozensets(st.sampled_from(NAMES)))
-def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: frozenset[str]) -> None:
-    ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
+@contextmanager
+def scripted() -> Iterator[pytest.MonkeyPatch]:
+    """Each addition is something, is determined and is plausible, where the test says nothing else."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(confirmation, "is_nothing", lambda *_: False)
         patch.setattr(confirmation, "is_undetermined", lambda *_: False)
         patch.setattr(confirmation, "is_plausible", lambda *_: True)
+        yield patch
+
+
+@given(st.integers(0, 2**32 - 1), st.frozensets(st.sampled_from(NAMES)))
+def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: frozenset[str]) -> None:
+    ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
+    with scripted():
         found = Scripted(dict(zip(SUBSETS, ratios, strict=True)), hiding)
     kept = names_of(found.additions)
     assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)
@@ -69,10 +77,8 @@ def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: 
 @pytest.mark.parametrize("unknown", NAMES)
 def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     fewer = {own: 4.0 - len(own) + 0.1 * (unknown not in own) for own in SUBSETS}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(confirmation, "is_nothing", lambda *_: False)
+    with scripted() as patch:
         patch.setattr(confirmation, "is_undetermined", lambda _, name: name == unknown)
-        patch.setattr(confirmation, "is_plausible", lambda *_: True)
         found = Scripted(fewer, frozenset())
     assert names_of(found.additions) == tuple(sorted(set(NAMES) - {unknown}))
     assert found.unconfirmed == [unknown]
@@ -81,10 +87,7 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
 @pytest.mark.parametrize(("factor", "stays"), [(0.3, True), (0.9, False)])
 def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(factor: float, stays: bool) -> None:
     fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(confirmation, "is_nothing", lambda *_: False)
-        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
-        patch.setattr(confirmation, "is_plausible", lambda *_: True)
+    with scripted() as patch:
         patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
     assert names_of(found.additions) == (("coulomb",) if stays else ())
@@ -96,9 +99,7 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     by more than the machine moves."""
     other = NAMES[NAMES.index(kept) - 1]
     fewer = {own: 4.0 - 0.1 * len(own) - 3.0 * (kept in own or other in own) for own in SUBSETS}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(confirmation, "is_nothing", lambda *_: False)
-        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
+    with scripted() as patch:
         patch.setattr(confirmation, "is_plausible", lambda _, names: other not in names or kept in names)
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
@@ -123,10 +124,7 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
 ) -> None:
     """A torque of 1 is missing, and friction leaves a twentieth of the drive's squares."""
     friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), inertia, 0.95)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(confirmation, "is_nothing", lambda *_: False)
-        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
-        patch.setattr(confirmation, "is_plausible", lambda *_: True)
+    with scripted() as patch:
         patch.setattr(Scripted, "_friction_along", lambda *_: friction if along else None)
         patch.setattr(Scripted, "torque", lambda *_: _torque(1.0, drive))
         patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))

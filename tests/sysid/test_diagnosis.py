@@ -7,7 +7,6 @@ import logging
 import math
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,6 @@ from sysid import (
     fit,
     ops,
     parameter,
-    read,
     simulate,
 )
 from sysid.data.splitting import split
@@ -54,6 +52,7 @@ from tests.sysid.planted import (
     rod,
     truth,
 )
+from tests.sysid.written import of_real_machine
 
 
 def test_what_lowers_an_error_lowers_its_excess_over_the_noise() -> None:
@@ -454,11 +453,7 @@ def test_bad_input_is_one_sentence(call: Callable[[], object], says: str) -> Non
 
 def diagnosed_real_log(**cut: float) -> Diagnosis:
     """The answer to a real pendulum's log, or a part of it."""
-    path = Path(__file__).parents[3] / "shared" / "data" / "logs" / "dfki_sp_energy_shaping.csv"
-    if not path.exists():
-        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
-    columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
-    log = read(path, columns=columns, zero="hanging", **cut).thinned()
+    log = of_real_machine("dfki_sp_energy_shaping", **cut).thinned()
     return diagnose(Model(GeneralJoint(), dt=log.dt), log)
 
 

@@ -66,9 +66,9 @@ def played(text, u, theta, dt, name="drive"):
     return np.array(found)
 
 
-def commands(seed, model, seconds=5.0):
+def commands(seed, model):
     rng = np.random.default_rng(seed)
-    u = multisine(rng, round(seconds / model.dt), model.dt, 2.0, 2.0)
+    u = multisine(rng, round(5.0 / model.dt), model.dt, 2.0, 2.0)
     return u + math.pi * (model.actuator is not None and model.actuator.at_angle), math.pi + rng.uniform(-0.8, 0.8)
 
 

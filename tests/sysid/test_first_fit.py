@@ -30,8 +30,8 @@ from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import fit_parameters
 from sysid.estimation.torque_regression import telling_motion
+from tests.sysid.planted import DT, with_memory
 
-DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
 ROBOT = Model(GeneralJoint(J=0.5, G=3.0), (Viscous(b=3.0), Coulomb(tau_c=2.5)), dt=DT)
 NAMES = ("J", "G", "viscous.b", "coulomb.tau_c")
@@ -51,9 +51,7 @@ def driven(
     theta, theta_dot, theta_ddot = math.pi + np.sin(phase) / w, np.cos(phase), -w * np.sin(phase)
     J, G, b, tau_c = TRUTH
     u = J * theta_ddot - G * np.sin(theta) + b * theta_dot + tau_c * np.tanh(theta_dot / 0.1)
-    kept, gear = math.exp(-DT / 0.05), rms * rng.standard_normal(u.shape)
-    for k in range(1, N):
-        gear[:, k] = kept * gear[:, k - 1] + math.sqrt(1.0 - kept**2) * gear[:, k]
+    gear = with_memory(rms * rng.standard_normal(u.shape), 0.05)
     gear += jolt * np.sign(theta_dot) * (np.abs(theta_dot) < 0.06)
     run = simulate(ROBOT, u + gear, np.full(len(w), math.pi), np.ones(len(w)))
     return [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]

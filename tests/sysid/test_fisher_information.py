@@ -21,10 +21,10 @@ MODELS = {
 }
 
 
-def records(model, n=2, length=53, sensor=SENSOR):
+def records(model, n=2):
     rng = np.random.default_rng(3)
-    u = np.stack([steps(rng, length, model.dt, 1.0, 0.3) for _ in range(n)])
-    return sensor.measure(simulate(model, u, np.pi + 0.3 * rng.standard_normal(n), rng.standard_normal(n)), rng)
+    u = np.stack([steps(rng, 53, model.dt, 1.0, 0.3) for _ in range(n)])
+    return SENSOR.measure(simulate(model, u, np.pi + 0.3 * rng.standard_normal(n), rng.standard_normal(n)), rng)
 
 
 def starts(records):

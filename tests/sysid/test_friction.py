@@ -27,7 +27,7 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine
-from tests.sysid.planted import assert_named, assert_recovered, logs, truth
+from tests.sysid.planted import assert_named, assert_recovered, energy, logs, truth
 
 ROD = RodPendulum(m=1.3, l=0.9)
 WET = [Viscous(b=0.1), Drag(c=0.05), BackEmf(k=0.1), AsymmetricViscous(b_plus=0.12, b_minus=0.05)]
@@ -44,14 +44,10 @@ def seen(theta_dot):
     return Joint(0.3, theta_dot, 0.0, 0.0, ROD, lambda: 1.5)
 
 
-def energy(plant, run):
-    return 0.5 * plant.inertia() * run.theta_dot**2 + plant.gravity_torque(0.5 * math.pi) * np.cos(run.theta)
-
-
 @pytest.mark.parametrize("friction", ALL, ids=lambda e: e.name)
 def test_friction_only_dissipates(pendulum, friction):
     run = simulate(Model(pendulum, (friction,), RK4(substeps=8), 0.02), np.zeros(400), 1.0, 0.0)
-    e, swing = energy(pendulum, run), pendulum.gravity_torque(0.5 * math.pi)
+    e, swing = energy(pendulum, run.theta, run.theta_dot), pendulum.gravity_torque(0.5 * math.pi)
     assert np.all(np.diff(e) < 1e-6 * swing)
     assert e[-1] < e[0] - 0.1 * swing
 
@@ -67,7 +63,7 @@ def test_wet_friction_opposes_motion(friction):
 @pytest.mark.parametrize(("friction", "power"), [(Viscous(b=0.1), 2), (Drag(c=0.1), 3)])
 def test_friction_takes_its_power(friction, power):
     run = simulate(Model(ROD, (friction,), RK4(substeps=4), 0.01), np.zeros(400), 1.0, 0.0)
-    e = energy(ROD, run)
+    e = energy(ROD, run.theta, run.theta_dot)
     assert e[-1] - e[0] == pytest.approx(-0.1 * np.trapezoid(np.abs(run.theta_dot) ** power, run.t), rel=1e-4)
 
 

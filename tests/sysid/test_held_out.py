@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,16 +26,10 @@ from sysid import (
 from sysid.estimation.held_out import held_out_error, lead_of, refit
 from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
-from sysid.planning.excitation import steps
+from tests.sysid import planted
+from tests.sysid.planted import SENSOR
 
-BOTH = Sensor(0.003, 0.05)
-
-
-def logs(model: Model, sensor: Sensor, seed: int = 0, n: int = 8, seconds: float = 6.0) -> list[Record]:
-    """n rollouts under steps of torque, begun near hanging."""
-    rng = np.random.default_rng(seed)
-    u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
-    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
+logs = partial(planted.logs, n=8, seconds=6.0)
 
 
 def rod(dt: float = 0.02) -> Model:
@@ -48,20 +43,20 @@ def band(n: int) -> float:
 
 @pytest.mark.parametrize("dt", [0.005, 0.02, 0.05, 0.1])
 def test_a_perfect_model_gets_one_at_any_rate_in_each_channel(dt: float) -> None:
-    records = logs(rod(dt), BOTH, n=6)
-    error = held_out_error(rod(dt), records, BOTH)
+    records = logs(rod(dt), n=6)
+    error = held_out_error(rod(dt), records, SENSOR)
     degrees = error.n_readings - 2 * error.n_windows
     for ratio in error.ratios.values():
         assert abs(ratio - 1.0) < band(degrees // 2)
     assert abs(error.ratio - 1.0) < band(degrees)
-    assert error.theta == pytest.approx(error.ratios["theta"] * BOTH.theta)
-    assert error.theta_dot == pytest.approx(error.ratios["theta_dot"] * BOTH.theta_dot)
+    assert error.theta == pytest.approx(error.ratios["theta"] * SENSOR.theta)
+    assert error.theta_dot == pytest.approx(error.ratios["theta_dot"] * SENSOR.theta_dot)
 
 
 def test_leverage_is_taken_out_channel_by_channel() -> None:
     """Two instants a window: four readings, two of which the state uses up, mostly the angles."""
     ratios = np.array(
-        [list(held_out_error(rod(), logs(rod(), BOTH, seed), BOTH, window=0.04).ratios.values()) for seed in range(10)]
+        [list(held_out_error(rod(), logs(rod(), seed), SENSOR, window=0.04).ratios.values()) for seed in range(10)]
     )
     mean, error = ratios.mean(axis=0), ratios.std(axis=0, ddof=1) / math.sqrt(len(ratios))
     assert np.all(np.abs(mean - 1.0) < 4.0 * error)
@@ -70,7 +65,7 @@ def test_leverage_is_taken_out_channel_by_channel() -> None:
 
 @pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)])
 def test_one_channel_is_enough(sensor: Sensor) -> None:
-    error = held_out_error(rod(), logs(rod(), sensor), sensor)
+    error = held_out_error(rod(), logs(rod(), sensor=sensor), sensor)
     assert abs(error.ratio - 1.0) < band(error.n_readings - 2 * error.n_windows)
     assert (error.theta is None) == (sensor.theta is None)
     assert (error.theta_dot is None) == (sensor.theta_dot is None)
@@ -78,7 +73,7 @@ def test_one_channel_is_enough(sensor: Sensor) -> None:
 
 def test_of_the_angle_its_start_is_enough() -> None:
     sensor = Sensor(0.001, 0.05)
-    records = [replace(r, theta=r.theta[:1]) for r in logs(rod(), sensor) if r.theta is not None]
+    records = [replace(r, theta=r.theta[:1]) for r in logs(rod(), sensor=sensor) if r.theta is not None]
     error = held_out_error(rod(), records, sensor)
     assert abs(error.ratio - 1.0) < band(error.n_readings - 2 * error.n_windows)
 
@@ -88,17 +83,17 @@ def test_of_the_angle_its_start_is_enough() -> None:
 )
 def test_memories_are_full_and_dry_friction_is_followed(effect: object) -> None:
     model = rod().with_effect(effect)
-    records = logs(model, BOTH)
-    error = held_out_error(model, records, BOTH)
+    records = logs(model)
+    error = held_out_error(model, records, SENSOR)
     assert error.ratio < 1.0 + 2.0 * band(error.n_readings)
-    assert held_out_error(rod(), records, BOTH).ratio > 1.3
+    assert held_out_error(rod(), records, SENSOR).ratio > 1.3
     assert lead_of(model) == (1.0 if effect.name in ("sensor_delay", "backlash") else 0.0)
 
 
 def test_the_state_is_refitted_to_the_least_squares_optimum() -> None:
     model = rod().with_effect(Viscous(b=0.3))
-    records = logs(rod(), BOTH)
-    fit = refit(Response(model, records, BOTH, cut(records, 1.0)))
+    records = logs(rod())
+    fit = refit(Response(model, records, SENSOR, cut(records, 1.0)))
     best = 0.5 * np.sum(fit.lin.e**2, axis=1)
     rng = np.random.default_rng(1)
     for size in (1e-4, 1e-2):
@@ -109,26 +104,26 @@ def test_the_state_is_refitted_to_the_least_squares_optimum() -> None:
 
 
 def test_an_error_in_one_rollout_is_found_there() -> None:
-    records = logs(rod(), BOTH)
+    records = logs(rod())
     push = np.zeros(300)
     push[120:135] = 1.0
-    hand = BOTH.measure(simulate(rod(), records[3].u + push, records[3].theta[0], 0.0), np.random.default_rng(7))[0]
+    hand = SENSOR.measure(simulate(rod(), records[3].u + push, records[3].theta[0], 0.0), np.random.default_rng(7))[0]
     records[3] = Record(hand.t, records[3].u, hand.theta, hand.theta_dot, name="pushed")
-    worst = held_out_error(rod(), records, BOTH).worst[0]
+    worst = held_out_error(rod(), records, SENSOR).worst[0]
     assert worst.record == "pushed"
     assert worst.begin <= 120 * 0.02 < worst.end
     assert worst.ratio > 3.0
 
 
 def test_longer_windows_show_more_of_a_wrong_model() -> None:
-    records = logs(rod().with_effect(Viscous(b=0.1)), BOTH)
-    ratios = [held_out_error(rod(), records, BOTH, w).ratio for w in (0.04, 0.5, 1.0, math.inf)]
+    records = logs(rod().with_effect(Viscous(b=0.1)))
+    ratios = [held_out_error(rod(), records, SENSOR, w).ratio for w in (0.04, 0.5, 1.0, math.inf)]
     assert ratios == sorted(ratios)
     assert ratios[0] < 1.1 and ratios[-1] > 5.0
 
 
 def test_it_prints_and_becomes_json() -> None:
-    error = held_out_error(rod(), logs(rod(), BOTH), BOTH)
+    error = held_out_error(rod(), logs(rod()), SENSOR)
     data = json.loads(json.dumps(error.to_dict(), allow_nan=False))
     assert data["ratio"] == error.ratio and data["n_windows"] == 48 and len(data["worst"]) == 3
     assert "rad/s" in str(error) and "x the sensor noise over 48 windows of 1 s" in str(error)
@@ -136,7 +131,7 @@ def test_it_prints_and_becomes_json() -> None:
 
 def test_a_channel_that_is_missing_is_said() -> None:
     with pytest.raises(InvalidInput, match="no theta_dot readings"):
-        held_out_error(rod(), logs(rod(), Sensor(0.003)), BOTH)
+        held_out_error(rod(), logs(rod(), sensor=Sensor(0.003)), SENSOR)
 
 
 @pytest.mark.parametrize("sensing", [SensorDelay(T=0.0), Backlash(width=0.0)], ids=lambda e: e.name)

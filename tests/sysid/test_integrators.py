@@ -26,6 +26,7 @@ from sysid import (
 )
 from sysid.physics.integrators import stick_slip
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import energy
 
 ORDERS = [(SemiImplicitEuler, 1), (RK4, 4)]
 DT, N = 0.1, 20
@@ -63,11 +64,6 @@ def test_order_of_convergence(integrator, order, plant):
         run = simulate(Model(plant, MODEL.effects, integrator(substeps=int(s)), DT), TORQUE, 2.5, 0.0)
         errors.append(float(np.hypot(run.theta[-1] - truth[0], run.theta_dot[-1] - truth[1])))
     assert slope(1.0 / substeps, errors) == pytest.approx(order, abs=0.15)
-
-
-def energy(plant: object, theta: np.ndarray, theta_dot: np.ndarray) -> np.ndarray:
-    """1/2 J theta_dot^2 + G cos(theta), G the largest gravity torque."""
-    return 0.5 * plant.inertia() * theta_dot**2 + plant.gravity_torque(0.5 * math.pi) * np.cos(theta)
 
 
 @pytest.mark.parametrize(("integrator", "order"), ORDERS)

@@ -15,12 +15,12 @@ DT, N = 0.02, 400
 FAST = GeneralJoint(J=0.002, G=0.0)
 
 
-def spun(jitter, hidden=(), seed=0, n=6, sd=0.003, step=0.0):
+def spun(jitter, hidden=(), seed=0, step=0.0):
     """A light wheel under slow torques, which reaches tens of rad/s; its angle alone is read, rounded to steps."""
     rng = np.random.default_rng(seed)
     machine = Model(FAST, (Viscous(b=0.004), *hidden), RK4(substeps=4), dt=DT)
-    u = np.stack([multisine(rng, N, DT, 0.25, 1.0) for _ in range(n)])
-    records = Sensor(theta=sd, jitter=jitter).measure(simulate(machine, u, np.zeros(n), np.zeros(n)), rng)
+    u = np.stack([multisine(rng, N, DT, 0.25, 1.0) for _ in range(6)])
+    records = Sensor(theta=0.003, jitter=jitter).measure(simulate(machine, u, np.zeros(6), np.zeros(6)), rng)
     if not step:
         return records
     return [r.__class__(r.t, r.u, step * np.round(r.theta / step), name=r.name) for r in records]

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import binom, chi2
 
-from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
+from study.paper.protocol import paper_model
 from sysid import (
     RK4,
     Coulomb,
@@ -21,20 +21,13 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine, steps
-from tests.sysid.planted import RICH
+from tests.sysid.planted import ENCODER, PAPER, PAPERS_ENCODER, RICH, assert_found, distance, papers_records
 
-PAPER = averaged_sensor(1.0)
-ENCODER = Sensor(theta=0.01, theta_dot=1.0)
-PAPERS_ENCODER = dataclasses.replace(PAPER, theta=0.01)
 TRUTH = paper_model(2.0, 1.5)
 
 
 def rollouts(sensor, n, seed):
-    rng = np.random.default_rng([seed, 1])
-    rollouts = paper_rollouts(TRUTH, n, np.random.default_rng(seed))
-    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
-    angles = [theta + sensor.theta * rng.standard_normal(len(theta)) for theta in exact]
-    return [dataclasses.replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
+    return papers_records(TRUTH, n, seed, sensor, np.random.default_rng([seed, 1]))
 
 
 def lab(model, sensor, n=4, length=300, seed=0):
@@ -50,15 +43,14 @@ def lab(model, sensor, n=4, length=300, seed=0):
     ("sensor", "n"), [(PAPER, 3), (PAPERS_ENCODER, 1), (PAPERS_ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"]
 )
 def test_errors_are_as_large_as_stated(sensor, n):
-    seeds, inside, distance = 24, 0, 0.0
+    seeds, inside, squares = 24, 0, 0.0
     for seed in range(seeds):
         estimate = LeastSquares(sensor=sensor).fit(paper_model(), rollouts(sensor, n, seed))
         assert estimate.success, estimate.status
-        error = np.array([estimate.values["m"] - 2.0, estimate.values["l"] - 1.5])
-        distance += error @ np.linalg.solve(estimate.covariance, error)
+        squares += distance(estimate, {"m": 2.0, "l": 1.5})
         inside += sum(low <= x <= high for (low, high), x in zip(estimate.interval().values(), (2.0, 1.5), strict=True))
     low, high = chi2.ppf([0.005, 0.995], 2 * seeds)
-    assert low < distance < high
+    assert low < squares < high
     assert binom.ppf(0.005, 2 * seeds, 0.95) <= inside
 
 
@@ -107,9 +99,7 @@ def test_any_parameters_of_any_model():
         {"J": 0.1, "G": 1.0, "viscous.b": 0.0, "coulomb.tau_c": 0.0, "delay.T": 0.01, "lag.T": 0.0}
     )
     estimate = LeastSquares(names, sensor).fit(cold, lab(truth, sensor))
-    assert estimate.success
-    error = np.array([estimate.values[n] - truth.parameters[n].value for n in names])
-    assert error @ np.linalg.solve(estimate.covariance, error) < chi2.ppf(0.999, len(names))
+    assert_found(estimate, truth)
     assert np.all(np.sqrt(np.diag(estimate.covariance)) < 0.05 * np.array([truth.parameters[n].value for n in names]))
     assert estimate.noise["theta"] == pytest.approx(0.003, rel=0.1)
     assert estimate.noise["theta_dot"] == pytest.approx(0.05, rel=0.1)

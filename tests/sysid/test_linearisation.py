@@ -39,9 +39,9 @@ SHOWN = {
 }
 
 
-def records(model: Model, lengths: tuple[int, ...] = (40, 11, 60), seed: int = 0) -> list[Record]:
+def records(model: Model, lengths: tuple[int, ...] = (40, 11, 60)) -> list[Record]:
     """Rollouts of different lengths, without noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     made = []
     for i, n in enumerate(lengths):
         u = multisine(rng, n, model.dt, 2.0, 3.0)
@@ -50,11 +50,11 @@ def records(model: Model, lengths: tuple[int, ...] = (40, 11, 60), seed: int = 0
     return made
 
 
-def near(samples: Samples, seed: int = 1, spread: float = 0.0) -> Motion:
+def near(samples: Samples) -> Motion:
     """Some motion that is none of the model's, d and all."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     x = samples.smoothed + rng.standard_normal((len(samples), 2)) * (0.05, 0.3)
-    return Motion(x, rng.standard_normal(len(samples)), np.full((len(samples), 3), spread))
+    return Motion(x, rng.standard_normal(len(samples)), np.zeros((len(samples), 3)))
 
 
 def stepped(model: Model, samples: Samples, motion: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +17,7 @@ from sysid import (
 from sysid.data.checks import check_excitation
 from sysid.data.logs import needed_rate, read
 from sysid.data.splitting import sample_of, split
-from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
-
-REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
-
+from tests.sysid.written import MODEL, REAL, SENSOR, of_real_machine, rollouts, same, table, write
 
 # ---- what was written comes back ---------------------------------------------------------------------------------
 
@@ -34,25 +30,6 @@ def test_a_written_record_comes_back_to_the_bit(channels, tmp_path):
     log = read(tmp_path / "log.csv")
     assert len(log) == 1 and log[0].name == "log" and log.notes == () and log.dt == pytest.approx(0.02, rel=1e-9)
     same(log[0], record)
-
-
-@pytest.mark.parametrize("form", ["csv", "npz", "mat", "struct.mat", "semicolon.csv", "blank.txt"])
-def test_every_form_of_file_says_the_same(form, tmp_path):
-    from scipy.io import savemat
-
-    (record,) = rollouts()
-    columns, path = table(record), tmp_path / f"log.{form}"
-    if form == "npz":
-        np.savez(path, **columns)
-    elif form == "mat":
-        savemat(path, columns)
-    elif form == "struct.mat":
-        savemat(path, {"log": columns})
-    else:
-        write(path, columns)
-        separator = {"semicolon.csv": ";", "blank.txt": " "}.get(form, ",")
-        path.write_text(path.read_text().replace(",", separator))
-    same(read(path)[0], record)
 
 
 def test_our_zero_our_units_and_our_sign_whatever_the_log_had(tmp_path):
@@ -371,18 +348,12 @@ def test_real_logs_are_read_and_their_zero_is_recognised(path):
         pytest.skip("the real logs are not here")
     torque = "torque_cmd_Nm" if "shaping" in path.name or "sac" in path.name else "torque_meas_Nm"
     torque = "duty_meas" if "bam" in path.name else torque
-    columns = f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}"
-    log = read(path, columns=columns, zero="hanging")
+    log = of_real_machine(path.stem, torque)
     assert len(log) == 1 and len(log[0]) * log.dt > 3.0
     assert not any("?" in note for note in log.notes), log.notes
-    assert any("does 0 mean hanging" in note for note in read(path, columns=columns).notes)
+    assert any("does 0 mean hanging" in note for note in of_real_machine(path.stem, torque, zero="upright").notes)
     with pytest.raises(InvalidInput, match="are theta and theta_dot swapped"):
-        read(
-            path,
-            columns=columns.replace("angle_rad", "x")
-            .replace("velocity_rad_s", "angle_rad")
-            .replace("x", "velocity_rad_s"),
-        )
+        read(path, columns=f"t=time_s,theta=velocity_rad_s,theta_dot=angle_rad,torque={torque}")
 
 
 # ---- what is held out --------------------------------------------------------------------------------------------
@@ -518,10 +489,6 @@ def test_the_rate_that_a_motion_needs_is_seen_in_its_speed_alone():
 
 @pytest.mark.parametrize("name, end", [("energy_shaping", 4.2), ("sac", 4.6), ("dircol", 3.5), ("ddp", 6.0)])
 def test_a_sign_turned_round_is_doubted_in_logs_of_a_real_pendulum(name, end):
-    path = REAL / f"dfki_sp_{name}.csv"
-    if not path.exists():
-        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
-    columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
     for flipped in (False, True):
-        notes = read(path, columns=columns, zero="hanging", end=end, flip_torque=flipped).notes
+        notes = of_real_machine(f"dfki_sp_{name}", end=end, flip_torque=flipped).notes
         assert any("its sign turned round?" in note for note in notes) == flipped

@@ -2,7 +2,6 @@
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,11 +25,10 @@ from sysid import (
     simulate,
 )
 from sysid.data.digitisation import quantisation_step
-from sysid.data.logs import read
 from sysid.data.noise import sensor_noise
 from sysid.planning.excitation import multisine, steps
+from tests.sysid.written import REAL, of_real_machine
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
 USUAL, LOUD = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.02, theta_dot=0.4)
 TORQUES = {
     "random": lambda rng, n, dt: rng.uniform(-2.5, 2.5, n),
@@ -262,8 +260,7 @@ def test_real_logs_show_their_encoders(path):
     torque = next(
         t for s, t in (("bam", "duty_meas"), ("sp_d", "torque_meas_Nm"), ("", "torque_cmd_Nm")) if s in path.name
     )
-    log = read(path, columns=f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}", zero="hanging")
-    noise = sensor_noise(log)
+    noise = sensor_noise(of_real_machine(path.stem, torque))
     q = next(step for name, step in ENCODERS.items() if path.name.startswith(name))
     assert noise.quantisation_step["theta"] == pytest.approx(q, rel=2e-3)
     assert q / math.sqrt(12.0) <= 1.001 * noise.sensor.theta < 1.5 * q or path.name.startswith("dfki_dp")

@@ -33,17 +33,16 @@ from sysid import (
 from sysid.estimation.output_error import CHANNELS, Response, evaluate_mapped
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import DT, SENSOR, without_noise
 
-DT = 0.02
-BOTH = Sensor(0.003, 0.05)
-SENSORS = {"both": BOTH, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05)}
+SENSORS = {"both": SENSOR, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05)}
 
 
 def rod(*effects: Effect) -> Model:
     return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
 
 
-def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, sensor: Sensor = BOTH) -> list[Record]:
+def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, sensor: Sensor = SENSOR) -> list[Record]:
     rng = np.random.default_rng(seed)
     found = []
     for i, n in enumerate(lengths):
@@ -77,7 +76,7 @@ def nudged(response: Response) -> np.ndarray:
 def test_derivatives_are_exact_for_every_effect(effect: Effect, horizon: float) -> None:
     model = rod(effect)
     records = logs(model)
-    for sensor in (BOTH, SENSORS["angles"], SENSORS["speeds"]) if math.isfinite(horizon) else (BOTH,):
+    for sensor in (SENSOR, SENSORS["angles"], SENSORS["speeds"]) if math.isfinite(horizon) else (SENSOR,):
         response = Response(model, records, sensor, cut(records, horizon, 0.1))
         assert_exact(response, nudged(response))
 
@@ -94,7 +93,7 @@ def test_derivatives_are_exact_for_all_effects_at_once(
 ) -> None:
     model = Model(RodPendulum(m=1.0, l=0.9), all_effects, integrator, dt=DT)
     records = logs(model)
-    response = Response(model, records, BOTH, cut(records, 0.6, 0.1))
+    response = Response(model, records, SENSOR, cut(records, 0.6, 0.1))
     assert_exact(response, nudged(response))
 
 
@@ -161,15 +160,15 @@ def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[
     rng = np.random.default_rng(2)
     u = np.array([multisine(rng, 80, DT, 2.0, 3.0) for _ in range(3)])
     run = simulate(model, u, math.pi + rng.uniform(-1.0, 1.0, 3), rng.normal(0.0, 1.0, 3))
-    records = [Record(run.t, *row) for row in zip(run.u, run.theta_read, run.theta_dot_read, strict=True)]
+    records = without_noise(run)
     truth = np.stack([run.theta, run.theta_dot], axis=-1)
 
-    whole = Response(model, records, BOTH, cut(records))
+    whole = Response(model, records, SENSOR, cut(records))
     lin = whole.linearise(truth[:, 0])
     np.testing.assert_allclose(lin.states, truth, atol=1e-11)
     assert np.max(np.abs(lin.e)) < 1e-8, "readings are not those of the simulation"
 
-    windows = Response(model, records, BOTH, cut(records, 0.4, 0.2))
+    windows = Response(model, records, SENSOR, cut(records, 0.4, 0.2))
     starts = np.array([truth[w.record, w.begin] for w in windows.windows])
     for w, own in zip(windows.windows, windows.states(starts), strict=True):
         np.testing.assert_allclose(own[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
@@ -183,7 +182,7 @@ def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> No
     rng = np.random.default_rng(2)
     run = simulate(model, multisine(rng, 400, DT, 2.0, 3.0)[None], math.pi, 0.0)
     record = Record(run.t, run.u[0], run.theta_read[0], run.theta_dot_read[0])
-    windows = Response(model, [record], BOTH, cut([record], 1.0, 1.0))
+    windows = Response(model, [record], SENSOR, cut([record], 1.0, 1.0))
     starts = np.array([[run.theta[0, w.begin], run.theta_dot[0, w.begin]] for w in windows.windows])
     assert np.sqrt(np.mean(windows.linearise(starts).e ** 2)) < 0.3
 
@@ -191,7 +190,7 @@ def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> No
 def test_readings_that_no_window_holds_do_not_matter() -> None:
     """Padding and lead-in: neither residuals nor derivatives."""
     records = logs(rod(), (100, 33))
-    response = Response(rod(), records, BOTH, cut(records, math.inf, 0.2))
+    response = Response(rod(), records, SENSOR, cut(records, math.inf, 0.2))
     lin = response.linearise(response.starts)
     padded = response.weight.reshape(2, -1) == 0.0
     assert np.count_nonzero(padded) == 2 * 67
@@ -211,7 +210,7 @@ def test_inputs_stay_as_they_are() -> None:
     model = rod(Viscous(b=0.1), Delay(T=0.03))
     records = logs(model)
     kept = [(r.t.copy(), r.u.copy(), np.array(r.theta), np.array(r.theta_dot)) for r in records]
-    response = Response(model, records, BOTH, cut(records, 0.5))
+    response = Response(model, records, SENSOR, cut(records, 0.5))
     starts = response.starts.copy()
     once, again = response.linearise(starts), response.linearise(starts)
     np.testing.assert_array_equal(starts, response.starts)
@@ -227,7 +226,7 @@ def test_what_does_not_fit_together_is_said() -> None:
     records = logs(rod())
     other = Model(RodPendulum(), dt=0.05)
     with pytest.raises(InvalidInput, match="sampled every"):
-        Response(other, records, BOTH, cut(records))
+        Response(other, records, SENSOR, cut(records))
     with pytest.raises(InvalidInput, match="no theta_dot readings"):
         angles = logs(rod(), sensor=SENSORS["angles"])
-        Response(rod(), angles, BOTH, cut(angles))
+        Response(rod(), angles, SENSOR, cut(angles))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,20 +20,16 @@ from sysid import (
     Model,
     Record,
     RodPendulum,
-    Sensor,
     SensorDelay,
     UnscentedKalman,
     diagnose,
     fit,
-    simulate,
 )
 from sysid.data.logs import read
 from sysid.data.splitting import split
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
-
-DT = 0.02
-SENSOR = Sensor(0.003, 0.05)
+from tests.sysid.planted import DT, SENSOR, logs
 
 
 def rod(*effects: Effect) -> Model:
@@ -41,9 +37,7 @@ def rod(*effects: Effect) -> Model:
 
 
 def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> list[Record]:
-    rng = np.random.default_rng(seed)
-    u = np.stack([steps(rng, round(seconds / DT), DT, 2.0, 0.4) for _ in range(n)])
-    return SENSOR.measure(simulate(rod(*effects), u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
+    return logs(rod(*effects), seed, n, seconds, draw=partial(steps, u_max=2.0, hold=0.4))
 
 
 def test_a_part_of_a_part_is_a_part() -> None:

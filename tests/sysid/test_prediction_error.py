@@ -29,9 +29,8 @@ from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
 from sysid.estimation.solver import Settings, bounded_step, fit_parameters, relaxation
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import DT, SENSOR, with_memory
 
-DT = 0.02
-SENSOR = Sensor(theta=0.003, theta_dot=0.05)
 JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
 NAMES = ("J", "G", "viscous.b")
 TRUTH = np.array([0.3, 2.0, 0.07])
@@ -45,9 +44,7 @@ def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tup
     """Logs of two rollouts of 6 s under a random acceleration of sd s [rad/s^2], T = 0.3 s; and where they began."""
     rng, n = np.random.default_rng(seed), 300
     u = np.array([multisine(rng, n, DT, 1.5, 2.0) for _ in range(2 * count)])
-    d, kept = s * rng.standard_normal((2 * count, n)), math.exp(-DT / 0.3)
-    for k in range(1, n):
-        d[:, k] = kept * d[:, k - 1] + math.sqrt(1.0 - kept**2) * d[:, k]
+    d = with_memory(s * rng.standard_normal((2 * count, n)), 0.3)
     run = simulate(
         model, u + float(model.inertia()) * d, math.pi + rng.uniform(-1.0, 1.0, 2 * count), np.zeros(2 * count)
     )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,12 +20,11 @@ from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.solver import Settings, fit_parameters
-from sysid.physics.effects import Joint, JointEffect
+from sysid.physics.effects import Joint
 from sysid.physics.ops import Value
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import DT, SENSOR, Unknown, with_memory
 
-DT = 0.02
-SENSOR = Sensor(theta=0.003, theta_dot=0.05)
 DRY = Model(GeneralJoint(J=0.3, G=2.0), (effect("coulomb", tau_c=0.15),), RK4(substeps=2), DT)
 DRY_NAMES = ("J", "G", "coulomb.tau_c")
 DRY_TRUTH = np.array([0.3, 2.0, 0.15])
@@ -44,10 +42,7 @@ def logs(
     """
     rng = np.random.default_rng(seed)
     u = np.array([multisine(rng, n, DT, 1.5, 2.0) for _ in range(count)])
-    d, kept = s * rng.standard_normal((count, n)), math.exp(-DT / T)
-    for k in range(1, n):
-        d[:, k] = kept * d[:, k - 1] + math.sqrt(1.0 - kept**2) * d[:, k]
-    torque = float(model.inertia()) * d
+    torque = float(model.inertia()) * with_memory(s * rng.standard_normal((count, n)), T)
     if push is not None:
         torque[push[0], round(4.0 / DT) : round(4.5 / DT)] += push[1]
     run = simulate(model, u + torque, math.pi + rng.uniform(-1.0, 1.0, count), np.zeros(count))
@@ -129,17 +124,6 @@ def test_its_memory_is_found_to_a_factor_of_two(T: float) -> None:
         settings=QUIET,
     )
     assert 0.5 < with_best_memory(here).disturbances.T / T < 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Unknown(JointEffect):
-    """tau = curve(joint): no effect of the catalogue."""
-
-    curve: Callable[[Joint], Value] = lambda joint: 0.0
-
-    def torque(self, joint: Joint) -> Value:
-        """curve(joint) [N m]."""
-        return self.curve(joint)
 
 
 def magnet(joint: Joint) -> Value:

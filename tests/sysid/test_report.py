@@ -186,12 +186,17 @@ def test_a_comparison_has_a_page_of_its_own(records, pages):
         assert set_as.typeset_multiple(error.ratios["theta"]) in said
 
 
-def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
+@pytest.fixture(scope="module")
+def of_axis() -> Comparison:
+    """A linear axis whose dry friction its model lacks."""
     axis, sensor, rng = Model(LinearAxis(m=1.0), dt=0.02), Sensor(0.001, 0.01), np.random.default_rng(0)
     u = np.array([steps(rng, 150, 0.02, 1.5, 0.3) for _ in range(2)])
     run = simulate(axis.with_effect(Coulomb(tau_c=0.2)), u, np.zeros(2), np.zeros(2))
-    records = sensor.measure(run, rng)
-    write_report(compare(axis, records, sensor), tmp_path / "axis.html")
+    return compare(axis, sensor.measure(run, rng), sensor)
+
+
+def test_the_page_of_an_axis_is_in_metres_and_newtons(of_axis, tmp_path):
+    write_report(of_axis, tmp_path / "axis.html")
     page = (tmp_path / "axis.html").read_text(encoding="utf-8")
     said = text(page) + " ".join(re.findall(r'alt="([^"]*)"', page))
     assert "dry friction of about 0.2 N" in said and "position 0.001 m, speed 0.01 m/s" in said
@@ -371,13 +376,8 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
-    axis, rng = Model(LinearAxis(m=1.0), dt=0.02), np.random.default_rng(0)
-    u = np.array([steps(rng, 250, 0.02, 1.5, 0.3) for _ in range(2)])
-    initial_guess = axis.with_effect(Viscous(b=0.3))
-    records = Sensor(0.001, 0.01).measure(simulate(initial_guess, u, np.zeros(2), np.zeros(2)), rng)
-    found = compare(axis, records, Sensor(0.001, 0.01))
-    said = words(plot_comparison(found))
+def test_an_axis_is_drawn_in_metres_and_newtons(of_axis: Comparison) -> None:
+    said = words(plot_comparison(of_axis))
     assert "rad" not in said and "N m" not in said
     for label in ("position $x$ [m]", r"speed $\dot x$ [m/s]", "force [N]", "Force beyond the model"):
         assert label in said, label

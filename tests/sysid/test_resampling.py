@@ -13,9 +13,9 @@ from sysid.planning.excitation import multisine
 from tests.sysid.written import MODEL, SENSOR, rollouts, table, write
 
 
-def jittered(spread, seed=3, seconds=10.0, gap=0.0):
+def jittered(spread, seconds=10.0, gap=0.0):
     """The rows of a rig whose steps vary by `spread`, its torque held from row to row; `gap` [s] in the middle."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     n = round(seconds / MODEL.dt)
     steps = MODEL.dt * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
     steps[n // 2] += gap
@@ -58,10 +58,10 @@ def test_a_gap_starts_a_new_rollout_and_is_told(tmp_path):
     assert log[1].t[0] - log[0].t[-1] == pytest.approx(0.42)
 
 
-def polled(seed=5, seconds=30.0):
+def polled():
     """The rows of a swing whose logger is often kept waiting: steps of 5 to 40 ms, and now and then up to 0.3 s."""
-    rng = np.random.default_rng(seed)
-    steps = rng.uniform(0.005, 0.04, round(seconds / 0.024))
+    rng = np.random.default_rng(5)
+    steps = rng.uniform(0.005, 0.04, round(30.0 / 0.024))
     late = rng.random(len(steps)) < 0.05
     steps = np.where(late, rng.uniform(0.1, 0.3, len(steps)), steps)
     t = np.cumsum(steps)

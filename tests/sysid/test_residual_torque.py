@@ -6,8 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,25 +15,14 @@ from sysid import RK4, GeneralJoint, InvalidInput, Model, Record, RodPendulum, S
 from sysid.diagnosis.residual_torque import ResidualTorque, missing_torque, residual_torque
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.solver import fit_parameters
-from sysid.physics.effects import Effect, Joint, JointEffect
+from sysid.physics.effects import Effect, Joint
 from sysid.physics.ops import Value
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import DT, SENSOR, Unknown
+from tests.sysid.written import of_real_machine
 
-LOGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
-BOTH, ANGLE = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.003)
-DT = 0.02
+ANGLE = Sensor(theta=0.003)
 MODEL = Model(RodPendulum(m=1.0, l=1.0, g=9.81), integrator=RK4(substeps=4), dt=DT)
-
-
-@dataclass(frozen=True, eq=False)
-class Unknown(JointEffect):
-    """tau = curve(joint): no effect of the catalogue."""
-
-    curve: Callable[[Joint], Value] = lambda joint: 0.0
-
-    def torque(self, joint: Joint) -> Value:
-        """curve(joint) [N m]."""
-        return self.curve(joint)
 
 
 def pulse(joint: Joint) -> Value:
@@ -54,14 +42,13 @@ Made = tuple[list[Record], np.ndarray]
 
 def made(
     curve: Callable[[Joint], Value] | None = None,
-    sensor: Sensor = BOTH,
+    sensor: Sensor = SENSOR,
     effects: tuple[Effect, ...] = (),
-    seed: int = 1,
     rollouts: int = 6,
     n: int = 400,
     largest: float = 2.5,
 ) -> Made:
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     hidden = () if curve is None else (Unknown(curve=curve),)
     truth = replace(MODEL, effects=(*effects, *hidden), integrator=RK4(substeps=16))
     u = np.array([multisine(rng, n, DT, largest, 2.0) for _ in range(rollouts)])
@@ -79,7 +66,7 @@ def torques(answer: ResidualTorque) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([r.d for r in answer.records]), np.stack([r.sd for r in answer.records])
 
 
-@pytest.mark.parametrize("sensor", [BOTH, ANGLE], ids=["angle and speed", "angle only"])
+@pytest.mark.parametrize("sensor", [SENSOR, ANGLE], ids=["angle and speed", "angle only"])
 @pytest.mark.parametrize(("curve", "name"), [(pulse, "time"), (magnet, "theta")], ids=["pulse", "magnet"])
 def test_a_torque_that_the_model_lacks_is_recovered_within_its_band(
     curve: Callable[[Joint], Value], name: str, sensor: Sensor
@@ -100,7 +87,7 @@ def test_a_torque_that_the_model_lacks_is_recovered_within_its_band(
 
 def test_its_mean_over_the_angle_is_the_true_curve_within_its_band() -> None:
     records, truth = made(magnet)
-    answer = residual_torque(MODEL, records, BOTH)
+    answer = residual_torque(MODEL, records, SENSOR)
     over = answer.over("theta")
     angle = np.stack([np.mod(0.5 * (r.theta[1:] + r.theta[:-1]), 2.0 * math.pi) for r in answer.records])
     bins = np.searchsorted(over.edges, angle, side="right") - 1
@@ -123,8 +110,8 @@ def test_the_band_holds_the_truth_as_often_as_it_says() -> None:
             d = rho * d + s * math.sqrt(1.0 - rho**2) * rng.standard_normal(4)
         u = np.array([multisine(rng, 400, DT, 2.5, 2.0) for _ in range(4)])
         run = simulate(replace(MODEL, integrator=RK4(substeps=8)), u + D, math.pi, np.zeros(4))
-        records = [replace(r, u=own) for r, own in zip(BOTH.measure(run, rng), u, strict=True)]
-        answer = residual_torque(MODEL, records, BOTH)
+        records = [replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
+        answer = residual_torque(MODEL, records, SENSOR)
         own, sd = torques(answer)
         inside.append(np.mean(np.abs(own - D) < 2.0 * sd))
         found.append((answer.s, answer.T))
@@ -140,7 +127,7 @@ def test_the_band_holds_the_truth_as_often_as_it_says() -> None:
 )
 def test_a_right_model_needs_no_torque(effects: tuple[Effect, ...]) -> None:
     records, _ = made(effects=effects, rollouts=4, largest=0.5 if effects else 2.5)
-    answer = residual_torque(replace(MODEL, effects=effects), records, BOTH)
+    answer = residual_torque(replace(MODEL, effects=effects), records, SENSOR)
     d, sd = torques(answer)
     assert not answer.present and answer.depends_on == () and answer.contacts == ()
     assert np.mean(np.abs(d) < 2.0 * sd) > 0.95
@@ -151,7 +138,7 @@ def test_a_right_model_needs_no_torque(effects: tuple[Effect, ...]) -> None:
 def test_a_torque_is_seen_beside_a_friction_that_sticks() -> None:
     friction = (effect("coulomb", tau_c=0.15),)
     records, truth = made(pulse, effects=friction, rollouts=4)
-    answer = residual_torque(replace(MODEL, effects=friction), records, BOTH)
+    answer = residual_torque(replace(MODEL, effects=friction), records, SENSOR)
     d, sd = torques(answer)
     assert answer.depends_on == ("time",)
     assert np.sqrt(np.mean((d - truth) ** 2)) < 0.02 and np.mean(np.abs(d - truth) < 2.0 * sd) > 0.9
@@ -159,7 +146,7 @@ def test_a_torque_is_seen_beside_a_friction_that_sticks() -> None:
 
 def test_a_friction_too_large_is_given_back_along_the_motion() -> None:
     records, _ = made(effects=(effect("coulomb", tau_c=0.1),), rollouts=4, largest=0.6)
-    answer = residual_torque(replace(MODEL, effects=(effect("coulomb", tau_c=0.3),)), records, BOTH)
+    answer = residual_torque(replace(MODEL, effects=(effect("coulomb", tau_c=0.3),)), records, SENSOR)
     for r in answer.records:
         moving = np.abs(r.theta_dot[:-1]) > 0.5
         assert np.mean(r.d[moving] * np.sign(r.theta_dot[:-1][moving])) == pytest.approx(0.2, abs=0.04)
@@ -171,7 +158,7 @@ def test_cost_is_linear_in_samples() -> None:
 
     def seconds(times: int) -> float:
         begin = time.process_time()
-        residual_torque(MODEL, records * times, BOTH)
+        residual_torque(MODEL, records * times, SENSOR)
         return time.process_time() - begin
 
     seconds(1)  # what is built once
@@ -181,7 +168,7 @@ def test_cost_is_linear_in_samples() -> None:
 
 def test_the_same_log_gives_the_same_answer() -> None:
     records, _ = made(pulse, rollouts=2)
-    one, two = (residual_torque(MODEL, records, BOTH).to_dict() for _ in range(2))
+    one, two = (residual_torque(MODEL, records, SENSOR).to_dict() for _ in range(2))
     assert json.dumps(one) == json.dumps(two)
 
 
@@ -192,33 +179,33 @@ def test_a_hand_is_found_and_a_magnet_is_no_hand() -> None:
         return (pushed * pulse(joint).T).T
 
     records, _ = made(hand)
-    found = residual_torque(MODEL, records, BOTH).contacts
+    found = residual_torque(MODEL, records, SENSOR).contacts
     assert [t.name for t in found] == ["rollout 2"]
     assert 3.0 < found[0].t_begin < 3.8 and 4.2 < found[0].t_end < 5.0
     assert found[0].peak == pytest.approx(0.35, abs=0.1)
     records, _ = made(magnet)
-    assert residual_torque(MODEL, records, BOTH).contacts == ()
+    assert residual_torque(MODEL, records, SENSOR).contacts == ()
 
 
 def test_records_of_any_length_and_of_a_moment() -> None:
     records, _ = made(pulse, rollouts=3)
     cut = [records[0], records[1].head(150), records[2].head(1)]
-    answer = residual_torque(MODEL, cut, BOTH)
+    answer = residual_torque(MODEL, cut, SENSOR)
     assert [len(r.d) for r in answer.records] == [400, 150, 1]
     assert [len(r.theta) for r in answer.records] == [401, 151, 2]
     for record in cut:
-        assert np.all(np.isfinite(torques(residual_torque(MODEL, [record], BOTH))))
+        assert np.all(np.isfinite(torques(residual_torque(MODEL, [record], SENSOR))))
 
 
 def test_a_joint_at_rest_says_what_could_hide() -> None:
     still = Record(DT * np.arange(101), np.zeros(100), np.full(101, math.pi), np.zeros(101))
-    answer = residual_torque(MODEL, [still], BOTH)
+    answer = residual_torque(MODEL, [still], SENSOR)
     assert not answer.present and 0.0 < answer.band < 0.1
 
 
 def test_the_answer_speaks_and_is_plain_data() -> None:
     records, _ = made(magnet, rollouts=3)
-    answer = residual_torque(MODEL, records, BOTH)
+    answer = residual_torque(MODEL, records, SENSOR)
     assert "N m rms" in str(answer) and "acts beyond the model; it depends on theta, strongest" in str(answer)
     data = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
     assert set(data["over"]) == {"theta", "theta_dot", "torque", "time"}
@@ -231,9 +218,9 @@ def test_bad_input_is_one_sentence() -> None:
     with pytest.raises(InvalidInput, match="expected one of theta, theta_dot, torque, time"):
         answer.over("phase")
     with pytest.raises(InvalidInput, match="no theta_dot readings"):
-        residual_torque(MODEL, records, BOTH)
+        residual_torque(MODEL, records, SENSOR)
     with pytest.raises(InvalidInput, match="no records"):
-        residual_torque(MODEL, [], BOTH)
+        residual_torque(MODEL, [], SENSOR)
 
 
 @pytest.mark.parametrize(
@@ -242,13 +229,7 @@ def test_bad_input_is_one_sentence() -> None:
 )
 def test_hands_on_a_real_pendulum(name: str, quiet: float, pushes: tuple[float, ...]) -> None:
     """Pushes by hand at about these times, none before `quiet` [s] (the logs' own description)."""
-    path = LOGS / f"{name}.csv"
-    if not path.exists():
-        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
-    from sysid.data.logs import read
-
-    columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
-    records = read(path, columns=columns, zero="hanging").records
+    records = of_real_machine(name).records
     friction = (effect("viscous", b=0.01), effect("coulomb", tau_c=0.15))
     model = Model(GeneralJoint(J=0.18, G=3.6), effects=friction, integrator=RK4(substeps=1), dt=records[0].dt)
     found = residual_torque(model, records, Sensor(theta=0.01, theta_dot=0.3)).contacts
@@ -260,7 +241,7 @@ def test_hands_on_a_real_pendulum(name: str, quiet: float, pushes: tuple[float, 
 def test_rollouts_too_short_to_average_over_show_a_torque_all_the_same() -> None:
     records, _ = made(magnet, n=400, rollouts=2)
     short = [replace(r.head(15), name=f"{r.name}, {k}") for k, r in enumerate(records)]
-    samples = Samples(MODEL, short, BOTH)
+    samples = Samples(MODEL, short, SENSOR)
     found = fit_parameters(samples, MODEL, ("m",))
     assert 15 * DT < 0.4
     assert np.all(np.isfinite(missing_torque(found, found.disturbances)))

@@ -16,8 +16,8 @@ DT = 0.02
 SENSOR = Sensor(theta=0.001)
 
 
-def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None, seed: int = 0) -> Record:
-    rng, N = np.random.default_rng(seed), len(theta if theta is not None else np.asarray(theta_dot)) - 1
+def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None) -> Record:
+    rng, N = np.random.default_rng(0), len(theta if theta is not None else np.asarray(theta_dot)) - 1
     noisy = [None if y is None else y + 0.001 * rng.standard_normal(N + 1) for y in (theta, theta_dot)]
     return Record(DT * np.arange(N + 1), np.zeros(N), *noisy)
 

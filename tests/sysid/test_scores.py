@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -49,27 +50,18 @@ from sysid.physics.candidates import alternatives
 from sysid.physics.effects import JointEffect
 from sysid.physics.parameters import Extent
 from sysid.planning.excitation import steps
-from tests.sysid.planted import shaken
+from tests.sysid import planted
+from tests.sysid.planted import DT, SENSOR, shaken
 
-DT = 0.02
-SENSOR = Sensor(0.003, 0.05)
 PLANT = ("m", "l")
 NONE = Disturbances(0.0)
 KNOWN = Settings(sizes=False, vague=math.inf)
 EXTENT = Extent(DT, 4.0, 1.5)
+logs = partial(planted.logs, n=3, seconds=4.0)
 
 
 def rod(*effects: Effect) -> Model:
     return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
-
-
-def logs(model: Model, seed: int = 0, n: int = 3, seconds: float = 4.0, noise: bool = True) -> list[Record]:
-    rng = np.random.default_rng(seed)
-    u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
-    run = simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n))
-    if noise:
-        return SENSOR.measure(run, rng)
-    return [Record(run.t, *row) for row in zip(run.u, run.theta_read, run.theta_dot_read, strict=True)]
 
 
 def null(
@@ -186,7 +178,7 @@ def test_size_sd_and_lm_are_those_of_the_refit(name: str) -> None:
 @pytest.mark.parametrize("beside", BESIDE)
 def test_to_first_order_the_size_is_exact(truth: Effect, beside: str) -> None:
     """Without noise, and with sizes far below what it would show: whatever whitens, it whitens both alike."""
-    base = null(logs(rod(truth), 3, noise=False), PLANT, BESIDE[beside])
+    base = null(logs(rod(truth), 3, sensor=None), PLANT, BESIDE[beside])
     score = scores(base, (truth.name,))[truth.name]
     (parameter,) = truth.parameters.values()
     assert score.sizes[0] == pytest.approx(parameter.value - (parameter.neutral or 0.0), rel=0.03)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
+from study.paper.protocol import paper_model
 from sysid import (
     Coulomb,
     Delay,
@@ -23,20 +23,13 @@ from sysid import (
 )
 from sysid.estimation.identifiers.unscented import Coordinates, residual, square_root
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import ENCODER, PAPER, PAPERS_ENCODER, distance, papers_records
 
-PAPER = averaged_sensor(1.0)
-ENCODER = Sensor(theta=0.01, theta_dot=1.0)
-PAPERS_ENCODER = replace(PAPER, theta=0.01)
 TRUTH = {"m": 2.0, "l": 1.5}
 
 
-def papers_records(n, seed, sensor):
-    """The paper's rollouts; their exact angles, or start angles alone, get the sensor's error."""
-    rng = np.random.default_rng(1000 + seed)
-    rollouts = paper_rollouts(paper_model(**TRUTH), n, np.random.default_rng(seed))
-    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
-    angles = [theta + sensor.theta * rng.standard_normal(len(theta)) for theta in exact]
-    return [replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
+def rollouts(n, seed, sensor):
+    return papers_records(paper_model(**TRUTH), n, seed, sensor, np.random.default_rng(1000 + seed))
 
 
 def measured(model, sensor, n, seed, amplitude=2.0, length=150):
@@ -46,19 +39,13 @@ def measured(model, sensor, n, seed, amplitude=2.0, length=150):
     return sensor.measure(simulate(model, u, rng.uniform(-3.0, 3.0, n), rng.uniform(-1.0, 1.0, n)), rng)
 
 
-def distance(estimate, truth):
-    """e' P^-1 e, chi-squared with as many degrees of freedom as parameters."""
-    e = np.array([estimate.values[k] - v for k, v in truth.items()])
-    return float(e @ np.linalg.solve(estimate.covariance, e))
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(("sensor", "largest"), [(PAPER, 0.12), (PAPERS_ENCODER, 0.006)], ids=["paper", "encoder"])
 def test_the_papers_truth_is_recovered_within_the_stated_error(sensor, largest):
     """Cold start at (1, 1); the mean of e' P^-1 e over 6 seeds has expectation 2 and sd 0.82."""
     distances, errors = [], []
     for seed in range(6):
-        estimate = UnscentedKalman(sensor=sensor).fit(paper_model(), papers_records(4, seed, sensor))
+        estimate = UnscentedKalman(sensor=sensor).fit(paper_model(), rollouts(4, seed, sensor))
         assert estimate.success, estimate.status
         distances.append(distance(estimate, TRUTH))
         errors.append(math.dist(estimate.values.values(), TRUTH.values()))
@@ -92,7 +79,7 @@ def test_a_plant_with_wide_bounds_and_angles_alone():
 
 
 def test_whole_turns_between_reading_and_state_do_not_matter():
-    records = papers_records(2, 3, ENCODER)
+    records = rollouts(2, 3, ENCODER)
     turned = [replace(r, theta=r.theta + 2.0 * math.pi * turns) for r, turns in zip(records, (3, -5), strict=True)]
     plain, wrapped = (UnscentedKalman().fit(paper_model(), r).values for r in (records, turned))
     assert wrapped == pytest.approx(plain, rel=1e-8)
@@ -113,7 +100,7 @@ def test_a_swing_through_the_cut_is_followed():
 
 
 def test_more_rollouts_never_widen_the_covariance():
-    records = papers_records(6, 4, ENCODER)
+    records = rollouts(6, 4, ENCODER)
     covariances = [UnscentedKalman().fit(paper_model(), records[:n]).covariance for n in (1, 2, 6)]
     for covariance in covariances:
         np.testing.assert_array_equal(covariance, covariance.T)
@@ -124,7 +111,7 @@ def test_more_rollouts_never_widen_the_covariance():
 
 def test_information_adds_up_and_counts_no_reading_twice():
     """Ten copies of a record say that it is ten times as sure: the sd falls by sqrt(10), however often it sweeps."""
-    (record,) = papers_records(1, 2, ENCODER)
+    (record,) = rollouts(1, 2, ENCODER)
     one, ten = (UnscentedKalman().fit(paper_model(), [record] * n) for n in (1, 10))
     for name in TRUTH:
         assert one.sd[name] / ten.sd[name] == pytest.approx(math.sqrt(10.0), rel=0.15)
@@ -147,7 +134,7 @@ def test_a_model_that_lacks_friction_is_doubted():
 
 
 def test_same_records_same_numbers():
-    records = papers_records(1, 0, PAPER)
+    records = rollouts(1, 0, PAPER)
     one, other = (UnscentedKalman(sensor=PAPER).fit(paper_model(), records) for _ in range(2))
     np.testing.assert_array_equal(one.covariance, other.covariance)
     assert one.values == other.values

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -195,9 +194,7 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
     assert "own_effects.py" in str(bench.part("take", session))
     if importlib.util.find_spec("policies") is not None:
         bench.trainings.begin(session, 2, 2.0, "--steps", "2000")
-        end = time.monotonic() + 240.0
-        while time.monotonic() < end and bench.busy(session):
-            time.sleep(0.5)
+        waited(bench, session)
         assert "this policy" in (session.of(2) / Answer.TRAINING).read_text()
     session.drop_last_node()
 
@@ -319,9 +316,7 @@ def test_a_policy_is_trained_and_its_curve_is_heard(walked: tuple[Workbench, Ses
         bench.trainings.begin(session, 0, 0.0)
     bench.trainings.begin(session, 0, 2.0, "--steps", "2000")
     assert bench.busy(session)
-    end = time.monotonic() + 240.0
-    while time.monotonic() < end and bench.busy(session):
-        time.sleep(0.5)
+    waited(bench, session)
     session.change(at=0)
     said = str(bench.part("train", session))
     assert "this policy" in said and "optimum" in said

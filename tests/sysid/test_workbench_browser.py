@@ -7,6 +7,7 @@ import statistics
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ playwright = pytest.importorskip("playwright.sync_api", reason="a browser is dri
 from sysid.cli.command_options import LogOptions, ModelOptions  # noqa: E402 - dash may not be installed
 from sysid.data.record import write_csv  # noqa: E402
 from sysid.web import samples  # noqa: E402
+from sysid.web.bench import Workbench  # noqa: E402
 from sysid.web.server import make  # noqa: E402
 from sysid.web.session import Answer  # noqa: E402
 from tests.sysid import hostile_logs as hostile  # noqa: E402
+from tests.sysid.workbench import waited  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LOG = Path(__file__).parents[3] / "shared" / "data" / "logs" / "dfki_sp_energy_shaping.csv"
@@ -45,14 +48,23 @@ def browser() -> Iterator[Any]:
         made.close()
 
 
+@contextmanager
+def served(folder: Path, host: str = "127.0.0.1", **options: Any) -> Iterator[tuple[str, Workbench]]:
+    """A workbench that answers until this ends, and where it does."""
+    server, bench = make(folder, host, 0, **options)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", bench
+    finally:
+        bench.end()
+        server.shutdown()
+        server.server_close()
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[str]:
-    server, bench = make(tmp_path / "sessions", "127.0.0.1", 0, most=2 << 20)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    bench.end()
-    server.shutdown()
-    server.server_close()
+    with served(tmp_path / "sessions", most=2 << 20) as (address, _):
+        yield address
 
 
 @pytest.fixture
@@ -228,10 +240,7 @@ def test_what_is_too_large_or_no_log_is_said(page: Any, site: str, tmp_path: Pat
 
 def test_a_foreign_name_and_a_foreign_page_are_refused_with_a_sentence(browser: Any, site: str, tmp_path: Path) -> None:
     """DNS rebinding: a foreign name leads here. Open to other machines, the page wants a token."""
-    server, bench = make(tmp_path / "open", "0.0.0.0", 0, token="secret")
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    other, page = f"http://127.0.0.1:{server.server_port}", browser.new_page()
-    try:
+    with served(tmp_path / "open", "0.0.0.0", token="secret") as (other, _), browser.new_page() as page:
         page.goto(f"http://{FOREIGN}:{site.rpartition(':')[2]}/")
         assert "another name of this server" in page.locator("body").inner_text()
         page.goto(other)
@@ -242,25 +251,18 @@ def test_a_foreign_name_and_a_foreign_page_are_refused_with_a_sentence(browser: 
         page.get_by_text("A page of null asked").wait_for(timeout=LONG)
         page.goto(f"{other}/?token=secret")
         page.locator("#upload").wait_for(timeout=LONG)
-    finally:
-        page.close()
-        bench.end()
-        server.shutdown()
-        server.server_close()
 
 
 def test_a_click_is_answered_and_the_page_is_painted_soon(
     browser: Any, tmp_path: Path, record_property: Any, capsys: Any
 ) -> None:
     """With a log of 100,000 samples. The limits are wide: a busy machine is slow; the numbers are printed."""
-    server, bench = make(tmp_path / "sessions", "127.0.0.1", 0)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    session = long_session(bench, tmp_path, 100_000)
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
-    inspector = page.context.new_cdp_session(page)
-    inspector.send("Performance.enable", {"timeDomain": "threadTicks"})
-    try:
-        page.goto(f"http://127.0.0.1:{server.server_port}/?session={session.identifier}")
+    window = {"width": 1280, "height": 800}
+    with served(tmp_path / "sessions") as (address, bench), browser.new_page(viewport=window) as page:
+        session = long_session(bench, tmp_path, 100_000)
+        inspector = page.context.new_cdp_session(page)
+        inspector.send("Performance.enable", {"timeDomain": "threadTicks"})
+        page.goto(f"{address}/?session={session.identifier}")
         page.locator("#over .main-svg").first.wait_for(timeout=LONG)
         paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime") / 1e3
         drawn = page.evaluate("performance.now()") / 1e3
@@ -274,10 +276,6 @@ def test_a_click_is_answered_and_the_page_is_painted_soon(
                 page.locator("#channel").get_by_text(what).click()
             clicks.append(time.perf_counter() - began)
             page.wait_for_timeout(300)
-    finally:
-        page.close()
-        bench.end()
-        server.shutdown()
     numbers = {"first paint": paint, "all plots": drawn, "of the browser's CPU": work}
     numbers["click, median"] = statistics.median(clicks)
     with capsys.disabled():
@@ -294,8 +292,7 @@ def long_session(bench: Any, folder: Path, count: int) -> Any:
     write_csv(record, folder / "short.csv")
     session = bench.open(LogOptions(files=(folder / "short.csv",)), ModelOptions())
     bench.fit(session)
-    while bench.jobs.running(session) is not None:
-        time.sleep(0.2)
+    waited(bench, session)
     path = session.of(0) / Answer.SERIES
     with np.load(path) as file:
         short = {name: file[name] for name in file.files}

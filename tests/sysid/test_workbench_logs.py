@@ -22,6 +22,14 @@ from tests.sysid import hostile_logs, robot_files
 from tests.sysid.workbench import uploaded
 
 
+@pytest.fixture(scope="module")
+def swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rollout as a file in our own columns."""
+    file = tmp_path_factory.mktemp("swing") / "swing.csv"
+    write_csv(samples.sample("friction")[0], file)
+    return file
+
+
 def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workbench, tmp_path: Path) -> None:
     log = tmp_path / "rig.csv"
     t = np.arange(200) * 0.02
@@ -59,9 +67,8 @@ def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, 
     assert not any("hanging" in note for note in found.notes)
 
 
-def test_a_preview_is_read_once(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = uploaded(bench, tmp_path / "swing.csv")
+def test_a_preview_is_read_once(bench: Workbench, swing: Path) -> None:
+    session = uploaded(bench, swing)
     first = log_part.preview(session)
     assert log_part.preview(session) is first
     session.change(log={**session.state.log, "end": 2.0})
@@ -120,9 +127,8 @@ def test_an_address_names_a_session() -> None:
     assert session_name(None) is None
 
 
-def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions())
+def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench, swing: Path) -> None:
+    session = bench.open(LogOptions(files=(swing,)), ModelOptions())
     path = session.folder / "session.json"
     older = {
         "title": "old",
@@ -160,12 +166,8 @@ def test_a_session_that_is_not_understood_is_refused_in_one_sentence(bench: Work
     assert "no such session" in bench.sessions.refusal("0" * 8)
 
 
-def test_a_session_is_renamed_and_deleted(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session, other = (
-        bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions()),
-        bench.sessions.new("other"),
-    )
+def test_a_session_is_renamed_and_deleted(bench: Workbench, swing: Path) -> None:
+    session, other = bench.open(LogOptions(files=(swing,)), ModelOptions()), bench.sessions.new("other")
     assert bench.do(session, {"do": "rename"}, {"title": " the rig "}) == session
     assert session.state.title == "the rig"
     with pytest.raises(InvalidInput, match="empty"):
@@ -174,7 +176,7 @@ def test_a_session_is_renamed_and_deleted(bench: Workbench, tmp_path: Path) -> N
     assert bench.sessions.all() == (session,)
     assert bench.do(session, {"do": "delete", "session": session.identifier}, {}) is None
     assert not session.folder.exists()
-    assert (tmp_path / "swing.csv").is_file()
+    assert swing.is_file()
 
 
 def test_a_message_calls_a_dropped_file_by_the_name_of_the_user(bench: Workbench, tmp_path: Path) -> None:
@@ -188,9 +190,8 @@ def test_a_message_calls_a_dropped_file_by_the_name_of_the_user(bench: Workbench
     )
 
 
-def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = uploaded(bench, tmp_path / "swing.csv")
+def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, swing: Path) -> None:
+    session = uploaded(bench, swing)
     form = {"t": "t", "theta": "theta", "theta_dot": "theta_dot", "torque": "u", "plant": "rod", "input": "torque",
             "zero": "upright", "signs": ["degrees"], "begin": 0.0}  # fmt: skip
     log_part.change(session, {**form, "hold_out": 0.4, "dt": 0.04})

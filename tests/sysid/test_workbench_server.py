@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +11,20 @@ pytest.importorskip("dash", reason="the workbench needs the extra web")
 
 from sysid.errors import InvalidInput
 from sysid.web.bench import Workbench
-from sysid.web.jobs import Jobs
 from sysid.web.server import COOKIE, Door, make, make_app
-from sysid.web.session import Sessions
 
 HERE = {"Host": "127.0.0.1:8050"}
 
 
-def client_of(folder: Path, host: str = "127.0.0.1", token: str = "", most: int = 1 << 20) -> Any:
+def client_of(bench: Workbench, host: str = "127.0.0.1", token: str = "") -> Any:
     door = Door(token)
     door.listen(host, 8050)
-    return make_app(Workbench(Sessions(folder), Jobs(), most), door).server.test_client()
+    return make_app(bench, door).server.test_client()
 
 
 @pytest.fixture
-def client(tmp_path: Path) -> Iterator[Any]:
-    yield client_of(tmp_path)
+def client(bench: Workbench) -> Any:
+    return client_of(bench)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8050", "localhost:8050", "[::1]:8050"])
@@ -51,8 +48,8 @@ def test_a_page_from_elsewhere_may_not_ask(client: Any, origin: str) -> None:
     assert client.get("/", headers={**HERE, "Origin": "http://127.0.0.1:8050"}).status_code == 200
 
 
-def test_bound_elsewhere_it_wants_a_token(tmp_path: Path) -> None:
-    client = client_of(tmp_path, "0.0.0.0", "secret")
+def test_bound_elsewhere_it_wants_a_token(bench: Workbench) -> None:
+    client = client_of(bench, "0.0.0.0", "secret")
     away = {"Host": "192.168.1.7:8050"}
     assert client.get("/", headers=away).status_code == 401
     assert client.get("/?token=wrong", headers=away).status_code == 401
@@ -75,8 +72,8 @@ def test_too_large_a_body_is_refused_with_a_sentence(client: Any) -> None:
 @pytest.mark.parametrize(
     "path", ["../session.json", "0/session.json", "0/work.log", "0/..%2fsession.json", "0/model.json", "-1/model.json"]
 )
-def test_a_download_is_an_answer_or_nothing(client: Any, tmp_path: Path, path: str) -> None:
-    session = Sessions(tmp_path).new("a title that stands in session.json")
+def test_a_download_is_an_answer_or_nothing(client: Any, bench: Workbench, path: str) -> None:
+    session = bench.sessions.new("a title that stands in session.json")
     for address in (f"/download/{session.identifier}/{path}", f"/download/../{path}"):
         answer = client.get(address, headers=HERE)
         assert "Content-Disposition" not in answer.headers

@@ -10,10 +10,10 @@ from sysid.web.bench import Workbench
 from sysid.web.session import Session
 
 
-def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
-    """Wait for the work under way; returns what went wrong."""
+def waited(bench: Workbench, session: Session, seconds: float = 240.0) -> str:
+    """Wait for the work and the training under way; returns what went wrong."""
     end = time.monotonic() + seconds
-    while bench.jobs.running(session) is not None and time.monotonic() < end:
+    while bench.busy(session) and time.monotonic() < end:
         time.sleep(0.1)
     return bench.jobs.message(session)
 

@@ -1,15 +1,19 @@
 """Logs as a rig writes them: rollouts of a damped rod, their tables, and files of these."""
 
 import math
+from pathlib import Path
 
 import numpy as np
+import pytest
 
-from sysid import RK4, Model, RodPendulum, Sensor, Viscous, simulate
+from sysid import RK4, Model, RodPendulum, Sensor, Viscous, read, simulate
 from sysid.data.record import COLUMNS
 from sysid.planning.excitation import multisine
 
 MODEL = Model(RodPendulum(m=1.0, l=1.0), (Viscous(b=0.05),), RK4(substeps=4), dt=0.02)
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
+REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
+"""Logs of real machines, beside the project."""
 
 
 def rollouts(n=1, seconds=6.0, seed=0, sensor=SENSOR, model=MODEL):
@@ -29,6 +33,14 @@ def write(path, columns):
     lines = [",".join(c if isinstance(c, str) else repr(float(c)) for c in row) for row in rows]
     path.write_text("\n".join([",".join(names), *lines]) + "\n")
     return path
+
+
+def of_real_machine(name, torque="torque_meas_Nm", **options):
+    """The log of that name, in which 0 is hanging; skips the test where the real logs are not here."""
+    if not (REAL / f"{name}.csv").exists():
+        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
+    columns = f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}"
+    return read(REAL / f"{name}.csv", **{"columns": columns, "zero": "hanging", **options})
 
 
 def same(a, b, rtol=0.0):
