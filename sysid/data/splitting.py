@@ -98,7 +98,7 @@ def _divided(
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
     if not training or not out or total < SHORTEST_LOG:
         raise InvalidInput(
-            f"{total:.2g} s of log are too short to hold a part out: expected some seconds, and half a one at least"
+            f"{total:.2g} s of log are too short to hold a part out: expected some seconds, at least {SHORTEST_LOG:g}"
         )
     return training, out
 

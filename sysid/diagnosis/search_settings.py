@@ -21,8 +21,8 @@ class SearchSettings:
                    noise alone brings more than 3 in 1 of 12 logs
     tolerance      an effect matters if it lowers the error of predictions by this share
     noise_share    smallest change of predictions that matters, in units of the sensor noise
-    horizon        how far ahead [s] predictions have to be right, at most as far as is `foreseeable`; None: as far as
-                   they tell of the machine (`telling_horizon`)
+    horizon        how far ahead [s] predictions have to be right, at most as far as is `foreseeable` and as the longest
+                   held-out record; None: as far as they tell of the machine (`telling_horizon`)
     steps          most additions
     trials         most single effects that a round fits at first; as many others again if none of these pays
     share          least expected gain of an effect that is fitted at first, as a share of the largest expected gain

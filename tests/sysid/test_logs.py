@@ -430,10 +430,11 @@ def test_a_split_that_leaves_nothing_is_refused(seconds, n, hold_out, message):
         split(rollouts(n, seconds), hold_out)
 
 
-def test_of_a_quick_stroke_a_part_is_held_out_too():
-    training, held_out = split(rollouts(1, 0.7))
-    assert sum(len(r) * r.dt for r in held_out) > 0.2
-    assert sum(len(r) * r.dt for r in training) > 0.2
+@pytest.mark.parametrize("seconds", (0.7, 1.9))
+def test_of_a_quick_stroke_a_part_is_held_out_too(seconds):
+    training, held_out = split(rollouts(1, seconds))
+    assert sum(len(r) * r.dt for r in held_out) > 0.3 * seconds
+    assert sum(len(r) * r.dt for r in training) > 0.3 * seconds
 
 
 # ---- thinning --------------------------------------------------------------------------------------------------------
