@@ -248,12 +248,12 @@ class _Pass:
         with np.errstate(over="ignore", invalid="ignore"):
             for k, (channel, value, variance) in enumerate(self.readings):
                 if k > 0:
-                    kf.predict(k=k - 1)
+                    kf.predict(UT=_transform, k=k - 1)
                 if not np.all(np.isfinite(kf.sigmas_f)):
                     return _Gaussian(np.full_like(covariance, np.nan), mean), squares, count
                 if len(channel):
                     kf.residual_z = partial(residual, channel)
-                    kf.update(value, np.diag(noisier**2 * variance), channel=channel)
+                    kf.update(value, np.diag(noisier**2 * variance), UT=_transform, channel=channel)
                     kf.P = 0.5 * (kf.P + kf.P.T)
                     np.add.at(squares, channel, kf.y**2 / np.diag(kf.S))
                     np.add.at(count, channel, 1)
@@ -295,6 +295,13 @@ def _filter() -> type:
             return product
 
     return Filter
+
+
+def _transform(sigmas: Array, Wm: Array, Wc: Array, noise: Array, mean: Any, residual: Any) -> tuple[Array, Array]:
+    """filterpy's unscented transform, with one call of `residual` for all sigma points (2 dim + 1, dim)."""
+    x = Wm @ sigmas
+    away = residual(sigmas, x)
+    return x, (away.T * Wc) @ away + noise
 
 
 def residual(channel: Index, reading: Array, predicted: Array) -> Array:
