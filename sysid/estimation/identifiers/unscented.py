@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import islice
 from typing import Any
@@ -27,6 +27,9 @@ from sysid.physics.parameters import Parameter
 
 Index = NDArray[np.intp]
 
+SETTLED = 0.1
+"""Difference of the parameters, in units of their sd, below which two sweeps or two starts have come to one answer."""
+
 
 @dataclass(frozen=True)
 class UnscentedKalman:
@@ -44,7 +47,7 @@ class UnscentedKalman:
     the rollout again, from a prior about all that is known by then, and replaces its factor. The answer is the product
     of the factors and the prior, so that no reading counts twice. The first sweeps take the readings to be `gentle`
     times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does not
-    settle, other starts are tried.
+    settle, other starts are tried, until the readings are explained or two starts agree.
 
     Drives of input effects are evaluated at the sigma points; their memories are carried over by regression on s.
     A filter judges each reading by the motion as it is known then, not by the smoothed one. Where only speeds are read,
@@ -78,10 +81,12 @@ class UnscentedKalman:
         passes = [_Pass(self, model, coordinates, r) for r in records]
         own = np.array([float(p.value) for p in free])
         prior = _Gaussian.of(coordinates.inverse(own), self.prior_sd**2 * np.eye(len(free)))
-        found = []
+        found: list[_Found] = []
         for start in islice(parameter_starts(free), self.starts):
-            found.append(self._sweep(passes, prior, coordinates.inverse(start)))
-            if found[-1].settled and found[-1].misfit < 1.0:
+            here = self._sweep(passes, prior, coordinates.inverse(start))
+            agreed = any(here.moved_from(other.known) < SETTLED for other in found if other.settled)
+            found.append(here)
+            if here.settled and (agreed or here.misfit < 1.0):
                 break
         best = min(found, key=lambda f: (not f.settled, f.misfit))
         return self._estimate(model, coordinates, best, len(found))
@@ -103,14 +108,14 @@ class UnscentedKalman:
             )
 
     def _sweep(self, passes: Sequence[_Pass], prior: _Gaussian, start: Array) -> _Found:
-        """Sweeps from s = start (P,) until the estimate moves by less than a tenth of its sd."""
+        """Sweeps from s = start (P,) until the estimate has settled."""
         nothing = _Gaussian(0.0 * prior.precision, 0.0 * prior.shift)
         factors = [nothing] * len(passes)
         # the filter only begins at the start; the prior stays about the model's own numbers
         total, known = prior, _Gaussian(prior.precision, prior.precision @ start)
         for sweep in range(self.sweeps):
             noisier = self.gentle[sweep] if sweep < len(self.gentle) else 1.0
-            before = known.moments()[0]
+            before = known
             squares, count = np.zeros(2), np.zeros(2, dtype=int)
             for i, rollout in enumerate(passes):
                 view = known if sweep == 0 else known.halved()
@@ -122,11 +127,10 @@ class UnscentedKalman:
                 known = after if sweep == 0 else total
                 squares, count = squares + own_squares, count + own_count
             known = total
-            mean, covariance = known.moments()
-            moved = float(np.max(np.abs(mean - before) / np.sqrt(np.diag(covariance))))
-            if sweep > len(self.gentle) and moved < 0.1:
-                return _Found(known, squares, count, sweep + 1, settled=True)
-        return _Found(known, squares, count, self.sweeps, settled=False)
+            here = _Found(known, squares, count, sweep + 1, settled=False)
+            if sweep > len(self.gentle) and here.moved_from(before) < SETTLED:
+                return replace(here, settled=True)
+        return here
 
     def _estimate(self, model: Model, coordinates: Coordinates, found: _Found, starts: int) -> Estimate:
         names = tuple(self.parameters)
@@ -199,6 +203,11 @@ class _Found:
     count: Array
     sweeps: int
     settled: bool
+
+    def moved_from(self, other: _Gaussian) -> float:
+        """The largest difference of a parameter's mean to another answer's, in units of its sd here."""
+        mean, covariance = self.known.moments()
+        return float(np.max(np.abs(mean - other.moments()[0]) / np.sqrt(np.diag(covariance))))
 
     @property
     def misfit(self) -> float:
