@@ -27,19 +27,28 @@ def spikes(y: Array) -> NDArray[np.bool_]:
 
     A reading is a spike if it is as far off the parabola through its three predecessors as off that through its three
     successors, and far more than readings nearby. If a joint is hit, or its torque steps, one of the two still fits.
+    At the ends of a log, where there is one side only, readings beyond the largest step by far are spikes: what a
+    sensor shows before it is ready, for example.
     """
     found = np.zeros(len(y), dtype=bool)
     if len(y) < 4 * REACH:
         return found
     third = np.diff(y, REACH)
-    known, read = third[np.isfinite(third)], y[np.isfinite(y)]
+    known = third[np.isfinite(third)]
     if not len(known):
         return found
-    typical = max(float(np.median(np.abs(known))) / 0.6745, quantisation_step([read]))
-    least = max(BEYOND * typical, SMALLEST * float(np.std(read)))
+    typical = max(float(np.median(np.abs(known))) / 0.6745, quantisation_step([y[np.isfinite(y)]]))
+    least = max(BEYOND * typical, SMALLEST * float(np.nanstd(y)))
     before, after = third[:-REACH], -third[REACH:]
     size = np.minimum(np.abs(before), np.abs(after))
     for k in np.flatnonzero((size > least) & (np.abs(before - after) < AGREEMENT * size)):
         clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + REACH + 1 : k + 3 * REACH + 1]])
         found[k + REACH] = size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0)
+    read = np.flatnonzero(np.isfinite(y) & ~found)
+    if len(read) < 4 * REACH:
+        return found
+    steps = np.abs(np.diff(y[read]))
+    large = np.flatnonzero(steps > max(ALONE * np.max(steps[REACH:-REACH], initial=0.0), least))
+    found[read[: 1 + np.max(large[large < REACH], initial=-1)]] = True
+    found[read[1 + np.min(large[large >= REACH], initial=len(steps)) :]] = True
     return found

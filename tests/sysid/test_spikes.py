@@ -58,6 +58,21 @@ def test_spikes_are_found_and_nothing_else(seed: int) -> None:
     np.testing.assert_array_equal(np.flatnonzero(spikes(seen)), at)
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("ready", [0.0, 5.0])
+def test_what_a_sensor_shows_before_it_is_ready_and_after_it_is_off_is_found(
+    seed: int, count: int, ready: float
+) -> None:
+    """Its speed at the ends of a log, in which the torque steps at once, is a constant that it never had."""
+    _, theta_dot = motion(seed, DAMPED)
+    seen = theta_dot + 1e-3 * np.random.default_rng(seed).standard_normal(len(theta_dot)) - ready
+    seen[:count] = 40.0 - ready
+    seen[-count:] = -30.0 - ready
+    expected = [*range(count), *range(len(seen) - count, len(seen))]
+    np.testing.assert_array_equal(np.flatnonzero(spikes(seen)), expected)
+
+
 def test_few_readings_and_missing_ones_show_none() -> None:
     assert not np.any(spikes(np.array([0.0, 0.0, 9.0, 0.0])))
     assert not np.any(spikes(np.full(50, math.nan)))
