@@ -82,8 +82,9 @@ class Noise:
 
 NEGLIGIBLE = 1e-4
 """Noise below this share of a channel's spread is taken to be this share: no model is more accurate than that."""
-MOTION = 100.0
-"""Residuals from windows that are this many times those from sample to sample are motion, not correlated errors."""
+MOTION, MOST_OF_SPREAD = 100.0, 0.5
+"""Residuals from windows that are this many times those from sample to sample, or this share of the channel's spread,
+are motion and not correlated errors."""
 
 
 def sensor_noise(records: Sequence[Record]) -> Noise:
@@ -197,7 +198,7 @@ def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> 
         )
     error, jitter = 1.3 / math.sqrt(2.0 * n), 0.0
     in_all = _by_windows(spread_after)
-    correlated = abs(in_all - sd) > 0.1 * sd and 0.0 < in_all < MOTION * sd
+    correlated = abs(in_all - sd) > 0.1 * sd and 0.0 < in_all < min(MOTION * sd, MOST_OF_SPREAD * spread)
     if channel == "theta" and not (correlated and in_all > sd):
         jitter, beside = stamp_jitter([y for y, _ in series], dt, floor)
     if jitter:

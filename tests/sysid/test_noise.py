@@ -229,6 +229,15 @@ def test_a_servo_at_its_largest_speed_leaves_few_windows_without_a_kink():
     assert 0.0 < noise.sensor.theta < 0.05
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fast_oscillation_is_no_correlated_error(seed):
+    """Windows of three periods and more leave all of it, whatever their width."""
+    rng, k = np.random.default_rng(seed), np.arange(950)
+    e = rng.standard_normal(951)
+    theta = 100.0 * np.sin(2.0 * math.pi * k / 14.0) + 8.0 * (e[1:] - 0.5 * e[:-1])
+    assert sensor_noise([Record(0.015 * k, np.zeros(949), theta)]).sensor.theta < 12.0
+
+
 def test_scale_and_order_of_the_records_do_not_matter():
     records = USUAL.measure(truth("steps", HIDDEN["coulomb"]), np.random.default_rng(0))
     one = sensor_noise(records).sensor
