@@ -36,8 +36,8 @@ class LogOptions:
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=tau (or voltage=duty, as --input says);
     "theta_dot=" leaves one out."""
 
-    zero: Annotated[Literal["upright", "hanging"] | None, shown(default="upright")] = None
-    """Where the log's angle is 0."""
+    zero: Annotated[Literal["upright", "hanging"] | float | None, shown("WHERE", default="upright")] = None
+    """Where the log's angle is 0, "upright" or "hanging"; or, as a number, the log's angle where the joint hangs."""
 
     flip_torque: Switch = False
     """A positive torque of the log lowers its angle."""

@@ -39,11 +39,14 @@ def _read(value: Any, kind: Any) -> tuple[Any, str]:
     if kind is str:
         pairs = ",".join(f"{ours}={theirs}" for ours, theirs in value.items()) if isinstance(value, Mapping) else value
         return pairs if isinstance(pairs, str) else None, 'a table, as {theta = ...}, or a text, as "theta=..."'
-    if float in get_args(kind):
-        known = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
-        return float(value) if known else None, "a number"
-    *others, last = choices = get_args(get_args(kind)[0])
-    return value if value in choices else None, f"{', '.join(others)} or {last}"
+    choices = [choice for own in get_args(kind) for choice in get_args(own)]
+    if value in choices:
+        return value, ""
+    numeric = float in get_args(kind)
+    kinds = [*choices, "a number"] if numeric else choices
+    expected = " or ".join(filter(None, (", ".join(kinds[:-1]), kinds[-1])))
+    known = numeric and isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    return float(value) if known else None, expected
 
 
 def settings_in(path: Path) -> dict[str, Any]:

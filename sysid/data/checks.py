@@ -16,6 +16,8 @@ from sysid.physics.plants import Plant
 
 SPAN = 0.1
 """Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""
+ELSEWHERE = 0.3
+"""Least angle [rad] between where free swings have their middle and where the joint should hang, to be remarked on."""
 FACTORS = {
     math.pi / 180.0: "theta_dot looks like deg/s where theta is in rad",
     180.0 / math.pi: "theta looks like degrees where theta_dot is in rad/s",
@@ -90,8 +92,12 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
     return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
 
 
-def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tuple[str, ...]:
+def doubts(
+    records: Sequence[Record], plant: Plant | None, command: str, shift: float = 0.0, degrees: bool = False
+) -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
+
+    The angles of the file were larger by `shift` [rad], and in `degrees`: a note on the zero is in the file's units.
 
     A `plant` that does not turn gets no notes on angles, and forces in place of torques; without gravity none on zero.
     """
@@ -110,7 +116,40 @@ def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tupl
         acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
         found.append(free if first == 0.0 else acts)
     hangs = plant is None or float(plant.gravity_torque(0.5 * math.pi)) > 0.0
+    middle = _middle_of_swings(records) if turns and hangs else None
+    if middle is not None and abs(math.remainder(middle - math.pi, 2.0 * math.pi)) > ELSEWHERE:
+        own = math.remainder(middle + shift, 2.0 * math.pi)
+        at = f"{math.degrees(own) if degrees else own:.4g}"
+        return (*found, f"the swings are about {at} in this log, where the joint seems to hang: say so (--zero {at})")
     return (*found, *(_turned(records, command, hangs) if turns else ()))
+
+
+def _middle_of_swings(records: Sequence[Record]) -> float | None:
+    """The angle [rad] towards which free swings are pulled; None for other records.
+
+    theta_ddot = -k (theta - middle) - b theta_dot,   k > 0
+    """
+    A, b = _accelerations(records)
+    if not len(b) or np.ptp(A[:, 1]) > 0.0 or np.ptp(A[:, 0]) == 0.0:
+        return None
+    k, _, pull = np.linalg.lstsq(A[:, [0, 2, 3]], b, rcond=None)[0]
+    unexplained = _shares(A[:, [0, 2, 3]], b)[1]
+    return float(-pull / k) if k < 0.0 and unexplained < 0.3 else None
+
+
+def _accelerations(records: Sequence[Record]) -> tuple[Array, Array]:
+    """Rows (n, 4) of theta, mean command, speed and 1, and the accelerations (n,), over 0.1 s."""
+    rows, targets = [np.zeros((0, 4))], [np.zeros(0)]
+    for r in records:
+        span = max(round(SPAN / r.dt), 1)
+        if r.theta is None or not r.has_angles or len(r) < 4 * span:
+            continue
+        mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")
+        mid = r.theta[span:-span]
+        speed = (r.theta[2 * span :] - r.theta[: -2 * span]) / (2 * span * r.dt)
+        targets.append((r.theta[2 * span :] - 2.0 * mid + r.theta[: -2 * span]) / (span * r.dt) ** 2)
+        rows.append(np.column_stack([mid, mean, speed, np.ones(len(mid))])[: len(targets[-1])])
+    return np.concatenate(rows), np.concatenate(targets)
 
 
 def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, ...]:
@@ -122,19 +161,8 @@ def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, 
 
     u = -G sin(theta) + J theta_ddot + b theta_dot + tau_c sign(theta_dot) + d,   G > 0 is expected
     """
-    rows, targets = [], []
-    for r in records:
-        span = max(round(SPAN / r.dt), 1)
-        if r.theta is None or not r.has_angles or len(r) < 4 * span:
-            continue
-        mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")
-        mid = r.theta[span:-span]
-        speed = (r.theta[2 * span :] - r.theta[: -2 * span]) / (2 * span * r.dt)
-        targets.append((r.theta[2 * span :] - 2.0 * mid + r.theta[: -2 * span]) / (span * r.dt) ** 2)
-        rows.append(np.column_stack([np.sin(mid), mean, speed, np.ones(len(mid))])[: len(targets[-1])])
-    if not rows:
-        return ()
-    A, b = np.concatenate(rows), np.concatenate(targets)
+    A, b = _accelerations(records)
+    A[:, 0] = np.sin(A[:, 0])
     if float(b @ b) == 0.0:
         return ()
     hanging = "the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?"

@@ -106,7 +106,7 @@ def needed_rate(records: Sequence[Record]) -> float:
 def read(
     *paths: File | Iterable[File],
     columns: str | Mapping[str, str] | None = None,
-    zero: Literal["upright", "hanging"] = "upright",
+    zero: Literal["upright", "hanging"] | float = "upright",
     flip_torque: bool = False,
     degrees: bool = False,
     begin: float | None = None,
@@ -133,8 +133,8 @@ def read(
         [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next) and rollout. A log
         without a torque is a free swing. "theta_dot=" leaves a column out; other columns are ignored. The command may
         be called u, command, force or after its kind (see `command`).
-    zero : {"upright", "hanging"}
-        What the file's angle 0 means; "hanging" adds pi.
+    zero : {"upright", "hanging"} or float
+        What the file's angle 0 means; a number is the file's angle where the joint hangs, so that 0 is "hanging".
     flip_torque : bool
         The file's positive torque (current, voltage) lowers its angle.
     degrees : bool
@@ -163,7 +163,7 @@ def read(
     InvalidInput
         In one sentence, for anything that cannot be a log of a joint.
     """
-    _check_choice("zero", zero, ("upright", "hanging"))
+    hanging = _hanging(zero, degrees)
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
     sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns, command), _window(begin, end, dt)
@@ -184,12 +184,22 @@ def read(
         for name, part in _rollouts(source.title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
-            rollouts.append(_rows(name, part, zero, flip_torque, degrees, command))
+            rollouts.append(_rows(name, part, hanging, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
     if command != "position":  # a position command of 0 is a command, and no free swing
         free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
-    return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
+    shift = hanging - math.pi  # the file's angles less ours
+    return Log(records, (*notes, *more, *checks.doubts(records, plant, command, shift, degrees)), step)
+
+
+def _hanging(zero: str | float, degrees: bool) -> float:
+    """The file's angle [rad] where the joint hangs; raises InvalidInput for what is no `zero`."""
+    if zero in ("upright", "hanging"):
+        return 0.0 if zero == "hanging" else math.pi
+    if isinstance(zero, str | bool) or not math.isfinite(zero):
+        raise InvalidInput(f"zero = {zero!r}: expected upright, hanging, or the log's angle where the joint hangs")
+    return math.radians(zero) if degrees else float(zero)
 
 
 def _check_choice(name: str, value: str, choices: Sequence[str]) -> None:
@@ -241,8 +251,9 @@ def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str
     return {name: column[~lost] for name, column in table.items()}
 
 
-def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, command: Command) -> Rows:
-    """A rollout in our conventions: radians, 0 upright, a positive torque raises theta, angles unwrapped.
+def _rows(name: str, table: Table, hanging: float, flip_torque: bool, degrees: bool, command: Command) -> Rows:
+    """A rollout in our conventions: radians, 0 upright, a positive torque raises theta, angles unwrapped. The file's
+    joint hangs at the angle `hanging` [rad].
 
     Raises InvalidInput for `flip_torque` with a position command, whose sign is that of the angle.
     """
@@ -254,8 +265,8 @@ def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, 
         if degrees and column in converted:
             converted[column] = np.deg2rad(converted[column])
     for column in angles:
-        if zero == "hanging" and column in converted:
-            converted[column] = converted[column] + math.pi
+        if column in converted:
+            converted[column] = converted[column] + (math.pi - hanging)
     if flip_torque and "torque" in converted:
         converted["torque"] = -converted["torque"]
     torque = converted.get("torque", np.zeros(len(table["t"])))

@@ -165,6 +165,7 @@ def form(session: Session) -> list[Any]:
     titles, log = state.titles or ("no file",), state.log
     told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
     shown = {name: {**log, **state.start}.get(name) or next(iter(choices)) for name, choices in CHOICES.items()}
+    zero = CHOICES["zero"] | ({} if isinstance(at := shown["zero"], str) else {at: f"where it hangs at {at:g}"})
     of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log.get("files", ()))
     return [
         html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),
@@ -176,7 +177,7 @@ def form(session: Session) -> list[Any]:
                           for c in OURS], className="fields"),
                 _labelled("what moves", _choice("plant", CHOICES["plant"], shown["plant"])),
                 _labelled("the command is", _choice("input", CHOICES["input"], shown["input"])),
-                _labelled("angle 0 is", dcc.RadioItems(CHOICES["zero"], shown["zero"], id="set-zero", inline=True,
+                _labelled("angle 0 is", dcc.RadioItems(zero, shown["zero"], id="set-zero", inline=True,
                                                        className="choice")),
                 dcc.Checklist(FLAGS, [name for name in FLAGS if log.get(name)], id="set-signs"),
                 html.Div([_labelled(label, dcc.Input(id=f"set-{name}", type="number", debounce=True,

@@ -35,6 +35,12 @@ def test_what_the_file_says_holds_where_the_command_line_is_silent(folder):
     assert "\n" not in said and "overrides" not in said
 
 
+def test_the_zero_may_be_a_number(folder):
+    (folder / "log.toml").write_text("zero = 2\n")
+    log, _, said = with_settings(LogOptions((folder / "a.csv",)), ModelOptions())
+    assert log.zero == 2.0 and log.reading()["zero"] == 2.0 and said.endswith("zero 2.0")
+
+
 def test_the_command_line_overrides_it_and_is_told_so(folder):
     log, start, said = with_settings(
         LogOptions((folder / "a.csv",), zero="upright", begin=0.0), ModelOptions(plant="rod")
@@ -65,12 +71,12 @@ def test_logs_of_several_folders_need_one_that_holds_for_all(folder, tmp_path_fa
     [
         ("zeor = 'hanging'", "unknown key 'zeor': did you mean zero? Expected some of columns, zero, flip_torque"),
         ("xyz = 1", "unknown key 'xyz': expected some of columns"),
-        ("zero = 'left'", "zero = 'left': expected upright or hanging"),
+        ("zero = 'left'", "zero = 'left': expected upright, hanging or a number"),
         ("degrees = 'yes'", "degrees = 'yes': expected true or false"),
         ("from = true", "from = True: expected a number"),
         ("plant = 'arm'", "plant = 'arm': expected rod, point, joint or axis"),
         ("columns = 3", "columns = 3: expected a table, as {theta = ...}"),
-        ("zero = [1]", "zero = [1]: expected upright or hanging"),
+        ("zero = [1]", "zero = [1]: expected upright, hanging or a number"),
         ("zero = hanging", "is not TOML"),
     ],
 )

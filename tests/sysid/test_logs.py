@@ -11,7 +11,10 @@ from sysid import (
     GeneralJoint,
     InvalidInput,
     LinearAxis,
+    Model,
     Record,
+    Viscous,
+    simulate,
     write_csv,
 )
 from sysid.data.checks import check_excitation
@@ -39,6 +42,27 @@ def test_our_zero_our_units_and_our_sign_whatever_the_log_had(tmp_path):
     theirs["theta_dot"] = np.rad2deg(record.theta_dot)
     path = write(tmp_path / "log.csv", theirs)
     same(read(path, zero="hanging", degrees=True, flip_torque=True)[0], record, rtol=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+def test_a_zero_anywhere_is_told_by_where_the_joint_hangs(degrees, tmp_path):
+    (record,) = rollouts()
+    at = 123.0 if degrees else 2.15
+    theirs = table(record) | {"theta": (np.rad2deg if degrees else np.asarray)(record.theta - math.pi) + at}
+    theirs["theta_dot"] = (np.rad2deg if degrees else np.asarray)(record.theta_dot)
+    same(read(write(tmp_path / "log.csv", theirs), zero=at, degrees=degrees)[0], record, rtol=1e-12)
+
+
+@pytest.mark.parametrize("zero", ["upright", "hanging"])
+@pytest.mark.parametrize(("at", "degrees", "said"), [(2.15, False, "2.1"), (-123.0, True, "-12")])
+def test_free_swings_say_where_the_joint_hangs(zero, at, degrees, said, tmp_path):
+    free = simulate(Model(GeneralJoint(J=0.1, G=2.0), (Viscous(b=0.01),), dt=0.01), np.zeros(800), math.pi - 0.7, 0.0)
+    theta = np.asarray(free.theta) - math.pi
+    path = write(tmp_path / "log.csv", {"t": free.t, "theta": (np.rad2deg(theta) if degrees else theta) + at})
+    (note,) = [n for n in read(path, zero=zero, degrees=degrees).notes if "say so" in n]
+    assert f"the swings are about {said}" in note and f"(--zero {said}" in note
+    assert abs(float(note.partition("--zero ")[2].rstrip(")")) - at) < (0.5 if degrees else 0.01)
+    assert not any("say so" in n for n in read(path, zero=at, degrees=degrees).notes)
 
 
 def test_any_names_and_extra_columns_and_a_mapping_as_good_as_a_string(tmp_path):
@@ -217,7 +241,8 @@ def test_what_is_no_log_is_refused_in_one_sentence(name, tmp_path):
 def test_wrong_wishes_are_refused(tmp_path):
     path = write(tmp_path / "log.csv", table(rollouts()[0]))
     for wish, message in (
-        ({"zero": "left"}, "zero = 'left': expected one of upright, hanging"),
+        ({"zero": "left"}, "zero = 'left': expected upright, hanging, or the log's angle where the joint hangs"),
+        ({"zero": math.nan}, "zero = nan: expected upright"),
         ({"time_unit": "min"}, "time_unit = 'min': expected one of s, ms, us"),
         ({"columns": "theta"}, "columns has 'theta': expected name=column pairs"),
         ({"columns": "angle=theta"}, "columns name 'angle': expected some of t, theta, theta_dot, torque, rollout"),
