@@ -429,8 +429,7 @@ class Search:
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
                     continue
                 logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
-                without = reduced(now, addition.name)
-                other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
+                other = self._with_simpler(now, addition.name, new)
                 if not is_determined(other, now, ()):  # other numbers of the model absorb the simpler form
                     continue
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
@@ -449,9 +448,17 @@ class Search:
                 break
         return now
 
-    def _in_place_of(self, refined: str, simple: str, now: Fit) -> Effect:
-        """A simple effect at the numbers of its refinement if that has them all, else at a small size."""
+    def _with_simpler(self, now: Fit, refined: str, simpler: Sequence[str]) -> Fit:
+        """The fit with simpler effects in place of a refinement. An effect begins at the refinement's numbers if these
+        include its own, else at a small size. If all do, the fit begins where the present one ended."""
         own = next(e for e in now.model.effects if e.name == refined).parameters
-        if set(effect(simple).parameters) <= set(own):
-            return effect(simple, **{k: float(own[k].value) for k in effect(simple).parameters})
-        return self._start(now, simple, alone=False)
+        same = [n for n in simpler if set(effect(n).parameters) <= set(own)]
+        begun = {n: effect(n, **{k: float(own[k].value) for k in effect(n).parameters}) for n in same}
+        if len(same) < len(simpler):
+            starts = [begun.get(n) or self._start(now, n, alone=False) for n in simpler]
+            return extended(reduced(now, refined), starts, QUICK)
+        model = now.model.without_effect(refined)
+        for start in begun.values():
+            model = model.with_effect(start)
+        names = [n for n in (*now.names, *(m for n in simpler for m in model.names_of(n))) if n in model.parameters]
+        return fit_parameters(now.samples, model, tuple(dict.fromkeys(names)), now, settings=QUICK)

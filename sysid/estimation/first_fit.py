@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.estimation.initial_guess import initial_guesses
+from sysid.estimation.initial_guess import initial_guesses, limited_guess
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
@@ -31,10 +31,17 @@ def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
 
 
 def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit]:
-    """The fits beside common effects from each initial guess, without those that end at the same inertia as another."""
+    """The fits beside common effects from each initial guess, without those that end at the same inertia as another.
+
+    One begins beside a limit of the drive too, where a regression shows one far below the largest command. A limit that
+    is reached nearly always looks like a larger inertia, and no slope leads from there to it.
+    """
     found: list[Fit] = []
-    for guess in initial_guesses(model, names, samples.records, samples.sensor):
-        helped = with_common(samples, guess, names)
+    limited = limited_guess(model, names, samples.records, samples.sensor)
+    guesses = initial_guesses(model, names, samples.records, samples.sensor)
+    for guess in (*guesses, *([] if limited is None else [limited])):
+        own = (n for e in guess.effects if e not in model.effects for n in guess.names_of(e.name))
+        helped = with_common(samples, guess, (*names, *own))
         if all(abs(math.log(helped.inertia / other.inertia)) > ALIKE for other in found):
             found.append(helped)
     return found

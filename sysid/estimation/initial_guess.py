@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.torque_regression import IntegratedMotion, regression, telling_motion, weight_along
+from sysid.physics.effects.actuation import Saturation
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -23,6 +25,9 @@ WELL_EXPLAINED = 0.8
 that goes into friction and weight from which the inertia is taken to be small."""
 LITTLE = 0.1
 """Share of the torque that goes into accelerating an inertia which does not show beside friction."""
+LIMITS, LESS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), 0.7
+"""Limits of the drive that a regression tries, as shares of the largest command; and the share of the unexplained
+changes of the speed that may be left with such a limit for it to count."""
 NEAREST_STEPS, LARGEST_STEP = 12, 5.0
 """Gauss-Newton steps to the nearest parameters with the 1/J and G/J of a log; largest change of a logarithm in one."""
 
@@ -64,6 +69,24 @@ def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record
     if model.actuator is None or not model.actuator.at_angle:
         return (regressed,)
     return regressed, _matched_servo(model, names, records)
+
+
+def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model | None:
+    """The initial guess beside a limit of the drive far below the largest command; None if no limit explains the motion
+    much better than none, or if the model has one."""
+    known = {e.name for e in model.effects} & {Saturation.name, *Saturation.confused}
+    if known or (model.actuator is not None and model.actuator.at_angle):
+        return None
+    largest = max(float(np.max(np.abs(r.u))) for r in records)
+    found = []
+    for limit in (largest, *(share * largest for share in LIMITS)):
+        limited = [replace(r, u=np.clip(r.u, -limit, limit)) for r in records]
+        terms = telling_motion(model, limited, sensor)
+        found.append((1.0 - regression(terms.columns, terms.speed_change).share, limit, limited))
+    unexplained, limit, limited = min(found, key=lambda own: own[0])
+    if not unexplained < LESS * found[0][0]:
+        return None
+    return initial_guess(model, names, limited, sensor).with_effect(Saturation(limit=limit))
 
 
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:
