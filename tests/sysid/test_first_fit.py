@@ -15,6 +15,7 @@ from sysid import (
     GeneralJoint,
     Model,
     Record,
+    Saturation,
     Sensor,
     TorqueSpeedLimit,
     Viscous,
@@ -23,7 +24,7 @@ from sysid import (
 )
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
-from sysid.estimation.initial_guess import _least_inertia, initial_guess
+from sysid.estimation.initial_guess import _least_inertia, initial_guess, limited_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
@@ -222,3 +223,39 @@ def test_friction_explains_nothing_of_a_torque_that_never_changes(torque: float)
     machine = Model(GeneralJoint(J=0.021, G=1.0), (Viscous(b=0.002),), dt=DT)
     records = SENSOR.measure(simulate(machine, u, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
     assert _least_inertia(telling_motion(machine, records, SENSOR)) == {}
+
+
+def asked_for(gain: float, seed: int, limit: float = 5.0) -> Record:
+    """A joint that a controller steps to and fro; the log has what it asked for, which the driver limits."""
+    rng, n, dt = np.random.default_rng(seed), 1500, 0.02
+    effects = (Viscous(b=1.5), Coulomb(tau_c=0.4), Saturation(limit=limit))
+    truth = Model(GeneralJoint(J=0.25, G=0.0), effects, dt=dt)
+    target = math.pi + np.repeat(rng.uniform(-1.0, 1.0, n // 100), 100)
+    theta, u = np.full(n + 1, math.pi), np.zeros(n)
+    theta_dot, memory = 0.0, truth.rest(0.0)
+    for k in range(n):
+        u[k] = gain * (target[k] - theta[k] - 0.1 * theta_dot)
+        drives, memory = truth.drive(u[k], memory)
+        theta[k + 1], theta_dot = truth.move(theta[k], theta_dot, drives, k * dt)
+    return Record(dt * np.arange(n + 1), u, theta + 1e-3 * rng.standard_normal(n + 1), name="asked for")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limit_far_below_the_commands_is_guessed_with_the_inertia_that_goes_with_it(seed: int) -> None:
+    plain, sensor = Model(GeneralJoint(G=0.0), dt=0.02), Sensor(theta=1e-3)
+    for gain in (15.0, 30.0):
+        guess = limited_guess(plain, ("J",), [asked_for(gain, seed)], sensor)
+        assert guess is not None
+        assert float(guess.inertia()) == pytest.approx(0.25, rel=0.3)
+        assert float(guess.parameters["saturation.limit"].value) == pytest.approx(5.0, rel=0.3)
+        assert limited_guess(plain, ("J",), [asked_for(gain, seed, limit=100.0)], sensor) is None
+        assert limited_guess(guess, ("J",), [asked_for(gain, seed)], sensor) is None, "it has one"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("gain", "seed"), [(15.0, 1), (30.0, 0)])
+def test_a_limit_that_is_reached_nearly_always_is_no_inertia(gain: float, seed: int) -> None:
+    found = diagnose(Model(GeneralJoint(G=0.0), dt=0.02), [asked_for(gain, seed)], parameters=("J",))
+    assert {s.effect for s in found.steps} == {"viscous", "coulomb", "saturation"}
+    for name, value in {"J": 0.25, "viscous.b": 1.5, "coulomb.tau_c": 0.4, "saturation.limit": 5.0}.items():
+        assert found.estimate.values[name] == pytest.approx(value, rel=0.02)
