@@ -21,6 +21,7 @@ from study.formatting import number, percent, signed
 from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_called
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
+from study.strategies.strategy import GROUPS
 from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
 from study.strategies.trial_findings import NEAR, Outcome, TrialFindings, TrialResults, trial_account, trial_findings
 
@@ -99,15 +100,6 @@ def _caution(findings: TrialFindings) -> str:
 def _listed(names: list[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
-
-GROUPS = {
-    "nothing": "no rollouts",
-    "identified": "identified",
-    "adapted": "adapted distributions",
-    "compared": "compared returns",
-    "plant": "learned on the plant",
-}
-"""Groups of strategies, in the order of their rows."""
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D", "#222222")
 """Okabe and Ito's."""

@@ -9,12 +9,12 @@
 What it may ask for                     and what it is answered
     Play(rollouts, torques)             a Record a rollout of the plant under these torques, or under random ones
     Try(agent, rollouts)                Tried: the same under an agent's policy, and the returns
-    Train(setups)                       an Agent a setup, trained in simulation; all of one request train together
-    Learn(rollouts, start)              an Agent that learned on the plant itself, an episode a rollout
+    Train(setups)                       a TrainedAgent a setup, trained in simulation; all of one request train together
+    Learn(rollouts, start)              a TrainedAgent that learned on the plant itself, an episode a rollout
 
-Play, Try and Learn cost rollouts. A strategy gives back a TrainingSetup, which the final agent is trained on, an Agent,
-or a Choice: one of these with the best candidate that it saw. It has to be a function of its situation and of the
-answers alone: after an interruption, and in every round, it is asked again and given the same answers as before.
+Play, Try and Learn cost rollouts. A strategy gives back a TrainingSetup, which the final agent is trained on, a
+TrainedAgent, or a Choice: one of these with the best candidate that it saw. It has to be a function of its situation
+and of the answers alone: after an interruption, and in every round, it is asked again and given the same answers.
 """
 
 from __future__ import annotations
@@ -103,6 +103,15 @@ class Choice:
 
 
 Request = Play | Try | Train | Learn
+GROUPS = {
+    "nothing": "no rollouts",
+    "identified": "identified",
+    "adapted": "adapted distributions",
+    "compared": "compared returns",
+    "plant": "learned on the plant",
+}
+"""Groups of strategies, in the order of their rows."""
+
 Dialogue = Generator[Request, Any, TrainingSetup | TrainedAgent | Choice]
 
 
@@ -156,8 +165,7 @@ class Strategy(ABC):
     in_rounds     whether it trains agents on the way, so that the experiment can afford fewer seeds
     needs_angle   whether the angle has to be read all the time, and not at the start alone
     short         it in up to four words; source: where it was published
-    group         what it is drawn with: "nothing" spent, "identified", "adapted" distributions, "compared" returns, or
-                  "plant", learning there
+    group         what it is drawn with, one of GROUPS
     """
 
     short: ClassVar[str]
@@ -173,7 +181,9 @@ class Strategy(ABC):
         """Ask for rollouts and trainings, and return what the final agent is."""
 
     def check(self, name: str, budget: int, sensing: str) -> None:
-        """Raise InvalidInput for a budget or readings that it cannot use."""
+        """Raise InvalidInput for a budget or readings that it cannot use, and for an unknown group."""
+        if self.group not in GROUPS:
+            raise InvalidInput(f"strategy {name!r} has group = {self.group!r}: expected one of {', '.join(GROUPS)}")
         if self.needs_angle and sensing != "encoder":
             raise InvalidInput(f"strategy {name!r} was given sensing {sensing!r}: expected encoder, it needs angles")
         if not self.least <= budget <= self.most:

@@ -51,6 +51,9 @@ from sysid.planning.excitation import Limits
 
 logger = logging.getLogger(__name__)
 
+ANSWER = "gapfinder/answer/1"
+"""The schema of answers that have none of their own."""
+
 
 def run(command: Any) -> None:
     """Run a command of sysid.cli.command_options. Raises InvalidInput for bad input."""
@@ -302,8 +305,8 @@ def write(path: Path | None, writer: Callable[[Path], None]) -> None:
 
 
 def write_json(path: Path | None, told: Callable[[], dict[str, Any]]) -> None:
-    """Write what an answer tells as plain data: some of it costs as much as the answer."""
-    write(path, lambda own: save_file(own, json.dumps(told(), indent=1, allow_nan=False) + "\n"))
+    """Write what an answer tells as plain data: some of it costs as much as the answer. The schema comes first."""
+    write(path, lambda own: save_file(own, json.dumps({"schema": ANSWER} | told(), indent=1, allow_nan=False) + "\n"))
 
 
 def _write_page(answer: Any, path: Path) -> None:

@@ -17,6 +17,9 @@ from typing import IO
 
 from sysid.errors import InvalidInput
 
+FIGURES = (".png", ".pdf", ".svg")
+MARKS, PLANNED = (b"gapfinder", b"residual_torque"), (b"t,torque", b"rollout,t,torque")
+"""What stands in every answer and report, and in a table of predictions; and the first line of a planned experiment."""
 LARGEST = 1 << 26
 """Bytes, at most, of a file that is read at once, such as a model.json."""
 
@@ -64,8 +67,11 @@ def read_file(path: Path, expected: str, largest: float = LARGEST) -> bytes:
         return path.read_bytes()
 
 
-def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], replace: bool = True) -> None:
-    """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and must stay."""
+def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], force: bool | None = None) -> None:
+    """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and must stay.
+
+    force: whether a file that is there may be replaced; by default only a figure, or what was written here before.
+    """
     read_from = {full_path(p, "read") for p in inputs if p is not None}
     written: set[Path] = set()
     for path in (p for p in outputs if p is not None):
@@ -79,9 +85,22 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
             raise InvalidInput(f"{path} is {what}: expected a file to write to")
         if not full.parent.is_dir():
             raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
-        if full.exists() and not replace:
+        if full.exists() and force is False:
             raise InvalidInput(f"{path} is there already: expected another name, or --force")
+        if full.exists() and force is None and not _is_ours(full):
+            raise InvalidInput(f"{path} is there already, and no answer of ours: expected another name")
         written.add(full)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is empty, a figure, or holds what an answer, a report or a table of ours begins or ends with."""
+    if path.suffix.lower() in FIGURES:
+        return True
+    with named(path, "read"), path.open("rb") as file:
+        head = file.read(1000)
+        file.seek(-min(path.stat().st_size, 10_000), os.SEEK_END)
+        ends = head + file.read()
+    return not head or head.split(b"\n")[0].strip() in PLANNED or any(mark in ends for mark in MARKS)
 
 
 def partial(path: Path) -> Path:
@@ -91,7 +110,7 @@ def partial(path: Path) -> Path:
 
 def save_file(path: Path | str, content: bytes | str) -> None:
     """Write a file that a user asked for; where that fails it raises InvalidInput, in a sentence, and not OSError."""
-    check_outputs((), [Path(path)])
+    check_outputs((), [Path(path)], force=True)
     with named(Path(path), "write"):
         write_whole(Path(path), content)
 

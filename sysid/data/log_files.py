@@ -51,11 +51,15 @@ class Source:
 def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
     """A Source for each path or DataFrame; its rollouts have the file's name, with the folder where two names agree.
 
-    Raises InvalidInput for a file that cannot be read, and if a joint is asked for of anything but a bag.
+    Raises InvalidInput for a file that cannot be read or is given twice, and if a joint is asked for of what is no bag.
     """
     logs = [log for one in given for log in ([one] if _is_frame(one) or isinstance(one, str | PathLike) else one)]
     if not logs:
         raise InvalidInput("no log was given: expected one or more files, or DataFrames")
+    paths = [full_path(Path(log), "read") for log in logs if not _is_frame(log)]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise InvalidInput(f"{path.name} is given twice: what is held out of one would be fitted in the other")
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
     found, frame = [], 0
     for log in logs:

@@ -363,6 +363,7 @@ OPTIONS = {
     "no model": (["compare", "LOG", "--model", "absent.json"], "absent.json"),
     "log as model": (["compare", "LOG", "--model", "LOG"], "is not JSON"),
     "log as output": (["fit", "LOG", "-o", "LOG"], "is read by this command"),
+    "a log twice": (["fit", "LOG", "LOG"], "is given twice"),
     "one file for two": (["fit", "LOG", "-o", "x.json", "--json", "x.json"], "two answers"),
     "no folder": (["fit", "LOG", "-o", "absent/model.json"], "no folder"),
     "folder as output": (["fit", "LOG", "-o", "."], "is a folder"),
@@ -383,6 +384,33 @@ def test_options_that_cannot_be(words, message, hidden, tmp_path, monkeypatch, c
     assert message in refused([hidden[0] if w == "LOG" else w for w in words], capsys)
     assert Path(hidden[0]).read_bytes() == before
     assert not list(tmp_path.glob("*.json"))
+
+
+OTHERS = {
+    "measurements": ["fit", "LOG", "-o", "FILE"],
+    "measurements for a page": ["compare", "LOG", "--plant", "point", "--html", "FILE"],
+    "measurements for a plan": ["experiment", "LOG", "--plant", "point", "--duration", "6", "-o", "FILE"],
+}
+
+
+@pytest.mark.parametrize("words", OTHERS.values(), ids=OTHERS.keys())
+@pytest.mark.parametrize("content", ["t,theta\n0,1\n", '{"rig": "pendulum"}', "<html></html>"])
+def test_what_others_wrote_is_never_replaced(words, content, hidden, tmp_path, capsys):
+    theirs = tmp_path / "measured.csv"
+    theirs.write_text(content)
+    own = {"LOG": hidden[0], "FILE": str(theirs)}
+    assert "no answer of ours: expected another name" in refused([own.get(w, w) for w in words], capsys)
+    assert theirs.read_text() == content
+
+
+def test_what_was_written_before_is_replaced(hidden, tmp_path):
+    files = {name: str(tmp_path / f"own.{name}") for name in ("model", "json", "html", "png")}
+    for _ in range(2):
+        words = ["fit", *hidden[:4], "--plant", "point", "--to", "3", "-o", files["model"], "--json", files["json"]]
+        assert main(words) == 0
+        words = ["compare", hidden[0], "--model", files["model"], "--html", files["html"], "--figure", files["png"]]
+        assert main([*words, "--json", files["json"]]) == 0
+        assert json.loads(Path(files["json"]).read_text())["schema"].startswith("gapfinder/")
 
 
 @pytest.mark.parametrize(
