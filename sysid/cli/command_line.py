@@ -13,6 +13,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args
@@ -33,9 +35,10 @@ OPTIONS = ConstructorRegistry()
 def _left_out(asked: PrimitiveTypeInfo) -> Any:
     """Of an option that is None where it is left out, what it holds else: "None" is none of its choices."""
     kinds = [kind for kind in get_args(asked.type) if kind is not NoneType]
-    if asked.type_origin not in (Union, UnionType) or len(kinds) != 1:
+    if asked.type_origin not in (Union, UnionType) or len(kinds) == len(get_args(asked.type)):
         return None
-    own = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], asked.markers))
+    rest: Any = reduce(or_, kinds)
+    own = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(rest, asked.markers))
     if not isinstance(own, PrimitiveConstructorSpec):
         return own
     return replace(

@@ -154,6 +154,8 @@ def _(command: ExperimentCommand) -> None:
     limits = _limits(command, task.log, estimate.model)
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
     logger.info(experiment)
+    if estimate.random_torque and not task.known:
+        logger.info("  the model lacks something, so that this says little: diagnose the log, then plan with --model")
     write_json(command.json, experiment.to_dict)
     if command.out is not None and not experiment.u.size:
         logger.info(f"{command.out} was not written: there is nothing to play")

@@ -72,5 +72,8 @@ def numbers_in_words(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def dependence_on(quantities: Sequence[str], *where: str) -> str:
-    """A phrase on what an unexplained torque depends on, and where it acts."""
-    return ", ".join(["it depends on " + " and ".join(quantities), *filter(None, where)])
+    """A phrase on what an unexplained torque depends on, and where it acts. What nothing predicts depends on "time"."""
+    on = [name for name in quantities if name != "time"]
+    if len(on) < len(quantities):
+        on.append("in part on nothing that was read" if on else "nothing that was read")
+    return ", ".join(["it depends on " + " and ".join(on), *filter(None, where)])

@@ -243,7 +243,7 @@ def test_a_gust_is_found_in_its_rollout() -> None:
     c = compare(ROD, pushed(ROD, push, "gusty"), SENSOR)
     assert c.causes == () and c.torque is not None
     assert c.torque.depends_on == ("time",)
-    assert "depends on time, strongest in gusty at 3." in c.sentence
+    assert "depends on nothing that was read, strongest in gusty at 3." in c.sentence
     assert {t.name for t in c.torque.contacts} == {"gusty"}
     assert c.worst[0].record == "gusty"
 

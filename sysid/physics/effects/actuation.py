@@ -125,7 +125,7 @@ class Saturation(InputEffect):
     formula = "drive = clip(u, -limit, limit)"
     confused = ("torque_gain", "torque_speed_limit")
     limit: Value = parameter(
-        1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(0.9, 0.75, 0.6, 0.45, 0.3, 0.2, 0.12)
+        1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(0.9, 0.75, 0.6, 0.45, 0.3)
     )
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
