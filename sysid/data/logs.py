@@ -171,7 +171,8 @@ def read(
     notes: list[str] = []
     for source in sources:
         chosen = chosen_columns(source.name, source.names(), wanted, command)
-        if "torque" not in {*chosen, *wanted} and (other := likely_columns(source.names(), chosen).get("torque")):
+        other = None if "torque" in {*chosen, *wanted} else likely_columns(source.names(), chosen).get("torque")
+        if other and np.any(np.isfinite(source.load({"t": chosen["t"], "torque": other}, window.most)["torque"])):
             notes.append(f"{source.name}: column {other!r} is not read: is it the torque (columns torque={other})?")
         table, said = with_signs(source.name, in_seconds(source, chosen, window, time_unit, notes), chosen)
         notes += said

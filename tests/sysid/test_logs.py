@@ -44,6 +44,14 @@ def test_our_zero_our_units_and_our_sign_whatever_the_log_had(tmp_path):
     same(read(path, zero="hanging", degrees=True, flip_torque=True)[0], record, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("cell", "asked"), [("0.1", True), ("", False)])
+def test_a_column_that_may_be_the_torque_is_asked_about_if_it_holds_numbers(cell, asked, tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", {"t": record.t, "theta": record.theta, "tau_cmd": [cell] * len(record.t)})
+    notes = read(path, columns="t=t,theta=theta").notes
+    assert any("column 'tau_cmd' is not read: is it the torque" in note for note in notes) is asked
+
+
 @pytest.mark.parametrize("degrees", [False, True])
 def test_a_zero_anywhere_is_told_by_where_the_joint_hangs(degrees, tmp_path):
     (record,) = rollouts()
