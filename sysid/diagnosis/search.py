@@ -449,16 +449,21 @@ class Search:
         return now
 
     def _with_simpler(self, now: Fit, refined: str, simpler: Sequence[str]) -> Fit:
-        """The fit with simpler effects in place of a refinement. An effect begins at the refinement's numbers if these
-        include its own, else at a small size. If all do, the fit begins where the present one ended."""
+        """The fit with simpler effects in place of a refinement, each begun at the refinement's numbers if these
+        include its own, else at a small size. It begins where a fit without the refinement ends; or, if the refinement
+        has ended as its simpler form, with all other numbers at their bounds, where the present fit ended."""
         own = next(e for e in now.model.effects if e.name == refined).parameters
-        same = [n for n in simpler if set(effect(n).parameters) <= set(own)]
-        begun = {n: effect(n, **{k: float(own[k].value) for k in effect(n).parameters}) for n in same}
-        if len(same) < len(simpler):
-            starts = [begun.get(n) or self._start(now, n, alone=False) for n in simpler]
+        starts, shared = list[Effect](), set[str]()
+        for name in simpler:
+            fields = effect(name).parameters
+            known = set(fields) <= set(own)
+            numbers = {field: float(own[field].value) for field in fields} if known else {}
+            starts.append(effect(name, **numbers) if known else self._start(now, name, alone=False))
+            shared |= set(numbers)
+        if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:
             return extended(reduced(now, refined), starts, QUICK)
         model = now.model.without_effect(refined)
-        for start in begun.values():
+        for start in starts:
             model = model.with_effect(start)
-        names = [n for n in (*now.names, *(m for n in simpler for m in model.names_of(n))) if n in model.parameters]
-        return fit_parameters(now.samples, model, tuple(dict.fromkeys(names)), now, settings=QUICK)
+        names = [*(n for n in now.names if n in model.parameters), *(n for e in starts for n in model.names_of(e.name))]
+        return fit_parameters(now.samples, model, names, now, settings=QUICK)
