@@ -32,7 +32,7 @@ from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, excerpt
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
-from sysid.physics.effects import kind_of
+from sysid.physics.effects import Effect, kind_of
 from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.physics.model import Model
 from sysid.physics.parameters import Parametric
@@ -188,7 +188,7 @@ def from_dict(data: Any) -> SavedModel:
     plant, integrator = mapping(data, "plant"), mapping(data, "integrator")
     model = Model(
         plant=_part(_choice(PLANTS, plant, "plant"), plant),
-        effects=tuple(_part(kind_of(text(e, "name")), e) for e in sequence(data, "effects")),
+        effects=tuple(_part(_effect_kind(text(e, "name")), e) for e in sequence(data, "effects")),
         integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), mapping(integrator, "settings")),
         dt=number_in(data, "dt"),
         u_max=number_in(data, "u_max", math.inf),
@@ -197,6 +197,13 @@ def from_dict(data: Any) -> SavedModel:
     model.check_names(names)
     about = mapping(data, "estimate") if data.get("estimate") is not None else None
     return SavedModel(model, names, None if about is None else _about(model, names, about))
+
+
+def _effect_kind(name: str) -> type[Effect]:
+    try:
+        return kind_of(name)
+    except InvalidInput as unknown:
+        raise InvalidInput(f"{unknown}, or one of your own, whose file is given with --effects") from None
 
 
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:

@@ -116,6 +116,7 @@ WRONG = {
     "unknown plant": (changed("plant", "name", "Cartpole"), "expected one of RodPendulum"),
     "unknown integrator": (changed("integrator", "name", "Magic"), "expected one of RK4"),
     "unknown effect": (changed("effects", 0, "name", "viscious"), "did you mean viscous"),
+    "effect of a user": (changed("effects", 0, "name", "magnet"), "or one of your own, whose file is given with --eff"),
     "unknown parameter": (changed("effects", 0, "parameters", "c", {"value": 1.0}), "'c'"),
     "unknown setting": (changed("effects", 0, "settings", "depth", 3), "'depth'"),
     "no value": (changed("plant", "parameters", "m", "value", None), "no 'value'"),
