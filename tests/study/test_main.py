@@ -108,6 +108,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     assert len(rows(folder)) == len(SMOKE.cells)
 
 
+@pytest.mark.long
 def test_a_finished_study_is_only_drawn_again(undisturbed):
     folder, _ = undisturbed
     database = (folder / "results.sqlite").read_bytes()

@@ -89,6 +89,7 @@ def test_an_experiment_ends_with_answers_tables_figure_and_page(undisturbed):
     assert best["cross_entropy"] and not best["point"]
 
 
+@pytest.mark.long
 def test_simulated_steps_are_counted_and_real_ones_are_not(undisturbed):
     by = {(row["strategy"], row["n"]): float(row["simulated"]) for row in cases(undisturbed[0])}
     assert by["point", "2"] == by["prior", "0"] == TINY.steps
