@@ -103,6 +103,8 @@ class Choice:
 
 
 Request = Play | Try | Train | Learn
+Dialogue = Generator[Request, Any, TrainingSetup | TrainedAgent | Choice]
+
 GROUPS = {
     "nothing": "no rollouts",
     "identified": "identified",
@@ -111,8 +113,6 @@ GROUPS = {
     "plant": "learned on the plant",
 }
 """Groups of strategies, in the order of their rows."""
-
-Dialogue = Generator[Request, Any, TrainingSetup | TrainedAgent | Choice]
 
 
 @dataclass

@@ -116,24 +116,27 @@ def doubts(
         acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
         found.append(free if first == 0.0 else acts)
     hangs = plant is None or float(plant.gravity_torque(0.5 * math.pi)) > 0.0
-    middle = _middle_of_swings(records) if turns and hangs else None
+    if not turns:
+        return tuple(found)
+    A, b = _accelerations(records)
+    middle = _middle_of_swings(A, b) if hangs else None
     if middle is not None and abs(math.remainder(middle - math.pi, 2.0 * math.pi)) > ELSEWHERE:
         own = math.remainder(middle + shift, 2.0 * math.pi)
         at = f"{math.degrees(own) if degrees else own:.4g}"
         return (*found, f"the swings are about {at} in this log, where the joint seems to hang: say so (--zero {at})")
-    return (*found, *(_turned(records, command, hangs) if turns else ()))
+    return (*found, *_turned(A, b, command, hangs))
 
 
-def _middle_of_swings(records: Sequence[Record]) -> float | None:
-    """The angle [rad] towards which free swings are pulled; None for other records.
+def _middle_of_swings(A: Array, b: Array) -> float | None:
+    """The angle [rad] towards which free swings are pulled, by their `_accelerations`; None for other records.
 
     theta_ddot = -k (theta - middle) - b theta_dot,   k > 0
     """
-    A, b = _accelerations(records)
     if not len(b) or np.ptp(A[:, 1]) > 0.0 or np.ptp(A[:, 0]) == 0.0:
         return None
-    k, _, pull = np.linalg.lstsq(A[:, [0, 2, 3]], b, rcond=None)[0]
-    unexplained = _shares(A[:, [0, 2, 3]], b)[1]
+    free = A[:, [0, 2, 3]]
+    k, _, pull = np.linalg.lstsq(free, b, rcond=None)[0]
+    unexplained = _shares(free, b)[1]
     return float(-pull / k) if k < 0.0 and unexplained < 0.3 else None
 
 
@@ -152,8 +155,8 @@ def _accelerations(records: Sequence[Record]) -> tuple[Array, Array]:
     return np.concatenate(rows), np.concatenate(targets)
 
 
-def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, ...]:
-    """Whether gravity or torque act against our convention, by least squares over 0.1 s:
+def _turned(A: Array, b: Array, command: str, hangs: bool) -> tuple[str, ...]:
+    """Whether gravity or torque act against our convention, by least squares of `_accelerations`:
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
 
@@ -161,8 +164,7 @@ def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, 
 
     u = -G sin(theta) + J theta_ddot + b theta_dot + tau_c sign(theta_dot) + d,   G > 0 is expected
     """
-    A, b = _accelerations(records)
-    A[:, 0] = np.sin(A[:, 0])
+    A = np.column_stack([np.sin(A[:, 0]), A[:, 1:]])
     if float(b @ b) == 0.0:
         return ()
     hanging = "the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?"

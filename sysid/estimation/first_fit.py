@@ -13,6 +13,7 @@ from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
 from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_angle_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.effects.actuation import Saturation
 from sysid.physics.model import Model
 
 COMMON = ("viscous", "coulomb", "torque_bias")
@@ -38,10 +39,11 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
     """
     found: list[Fit] = []
     limited = limited_guess(model, names, samples.records, samples.sensor)
-    guesses = initial_guesses(model, names, samples.records, samples.sensor)
-    for guess in (*guesses, *([] if limited is None else [limited])):
-        own = (n for e in guess.effects if e not in model.effects for n in guess.names_of(e.name))
-        helped = with_common(samples, guess, (*names, *own))
+    guesses = [(guess, tuple(names)) for guess in initial_guesses(model, names, samples.records, samples.sensor)]
+    if limited is not None:
+        guesses.append((limited, (*names, *limited.names_of(Saturation.name))))
+    for guess, free in guesses:
+        helped = with_common(samples, guess, free)
         if all(abs(math.log(helped.inertia / other.inertia)) > ALIKE for other in found):
             found.append(helped)
     return found

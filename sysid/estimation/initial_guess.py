@@ -77,16 +77,22 @@ def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     known = {e.name for e in model.effects} & {Saturation.name, *Saturation.confused}
     if known or (model.actuator is not None and model.actuator.at_angle):
         return None
+
+    def limited(limit: float) -> list[Record]:
+        return [replace(r, u=np.clip(r.u, -limit, limit)) for r in records]
+
+    def unexplained(limit: float) -> float:
+        terms = telling_motion(model, limited(limit), sensor)
+        return 1.0 - regression(terms.columns, terms.speed_change).share
+
     largest = max(float(np.max(np.abs(r.u))) for r in records)
-    found = []
-    for limit in (largest, *(share * largest for share in LIMITS)):
-        limited = [replace(r, u=np.clip(r.u, -limit, limit)) for r in records]
-        terms = telling_motion(model, limited, sensor)
-        found.append((1.0 - regression(terms.columns, terms.speed_change).share, limit, limited))
-    unexplained, limit, limited = min(found, key=lambda own: own[0])
-    if not unexplained < LESS * found[0][0]:
+    if largest == 0.0:
         return None
-    return initial_guess(model, names, limited, sensor).with_effect(Saturation(limit=limit))
+    left = {limit: unexplained(limit) for limit in (largest, *(share * largest for share in LIMITS))}
+    limit = min(left, key=left.__getitem__)
+    if not left[limit] < LESS * left[largest]:
+        return None
+    return initial_guess(model, names, limited(limit), sensor).with_effect(Saturation(limit=limit))
 
 
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:

@@ -172,7 +172,9 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     if answer.vibrates:
         says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if left is not None:
-        says.insert(0, f"{left.share:.0%} of the {'mended ' if before else ''}model's squared error is no noise.")
+        says.insert(
+            0, f"{left.share:.0%} of the {'mended ' if before else ''}model's squared error is more than noise."
+        )
     caption = (
         f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")

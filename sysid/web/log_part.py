@@ -164,8 +164,11 @@ def form(session: Session) -> list[Any]:
     state, (found, chosen) = session.state, columns(session)
     titles, log = state.titles or ("no file",), state.log
     told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
-    shown = {name: {**log, **state.start}.get(name) or next(iter(choices)) for name, choices in CHOICES.items()}
-    zero = CHOICES["zero"] | ({} if isinstance(at := shown["zero"], str) else {at: f"where it hangs at {at:g}"})
+    given = {**log, **state.start}
+    shown = {name: next(iter(own)) if given.get(name) is None else given[name] for name, own in CHOICES.items()}
+    zero = [{"value": own, "label": label} for own, label in CHOICES["zero"].items()]
+    if not isinstance(at := shown["zero"], str):
+        zero.append({"value": at, "label": f"where it hangs at {at:g}"})
     of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log.get("files", ()))
     return [
         html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),

@@ -14,6 +14,7 @@ from sysid import (
     DCMotor,
     GeneralJoint,
     Model,
+    PositionServo,
     Record,
     Saturation,
     Sensor,
@@ -23,7 +24,16 @@ from sysid import (
     simulate,
 )
 from sysid.diagnosis.search import Search
-from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
+from sysid.estimation.first_fit import (
+    BLOCKS,
+    COMMON,
+    WINDOW,
+    first_fit,
+    first_fits,
+    with_best_memory,
+    with_common,
+    without_common,
+)
 from sysid.estimation.initial_guess import _least_inertia, initial_guess, limited_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
@@ -31,6 +41,7 @@ from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import fit_parameters
 from sysid.estimation.torque_regression import telling_motion
+from sysid.planning.excitation import multisine
 from tests.sysid.planted import DT, with_memory
 
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
@@ -259,3 +270,18 @@ def test_a_limit_that_is_reached_nearly_always_is_no_inertia(gain: float, seed: 
     assert {s.effect for s in found.steps} == {"viscous", "coulomb", "saturation"}
     for name, value in {"J": 0.25, "viscous.b": 1.5, "coulomb.tau_c": 0.4, "saturation.limit": 5.0}.items():
         assert found.estimate.values[name] == pytest.approx(value, rel=0.02)
+
+
+def test_first_fits_free_what_was_asked_for_and_common_effects_and_nothing_else() -> None:
+    """The gain of a servo is known, wherever its loop is guessed to be."""
+    servo = PositionServo(k_p=20.0, k_d=2.0)
+    machine = Model(GeneralJoint(J=0.05, G=0.0), (servo, Coulomb(tau_c=0.3)), RK4(10), dt=DT)
+    u = multisine(np.random.default_rng(0), 300, DT, 1.0, 1.0)
+    run = simulate(machine, u, u[0], 0.0)
+    (record,) = SENSOR.measure(run, np.random.default_rng(1))
+    start = Model(GeneralJoint(J=0.05, G=0.0), (PositionServo(k_p=20.0),), RK4(10), dt=DT)
+    names = ("J", "position_servo.k_d")
+    found = first_fits(Samples(start, [record], SENSOR), start, names)
+    assert found
+    for fit in found:
+        assert {fit.model.parameters[n].owner for n in set(fit.names) - set(names)} <= set(COMMON)

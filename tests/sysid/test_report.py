@@ -175,7 +175,7 @@ def test_the_page_says_what_the_answer_says(records, pages):
 def test_what_is_unknown_is_shown_before_all_else(pages):
     titles = re.findall(r"<h2>(.*?)</h2>", pages["unknown"])
     assert titles[1] == "The torque that no known effect explains"
-    assert "90% of the model's squared error is no noise" in text(pages["unknown"])
+    assert "90% of the model's squared error is more than noise" in text(pages["unknown"])
     assert "stribeck" in text(pages["cannot tell"])
 
 

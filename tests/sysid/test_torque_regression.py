@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, diagnose
+from sysid import DCMotor, GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, diagnose, simulate
 from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
@@ -183,6 +183,17 @@ def test_the_load_of_an_axis_is_that_in_the_middle_of_its_motion() -> None:
     found = along(record, LinearAxis(), ("m",))
     assert found is not None
     assert abs(found.load[0] - 0.1) < 4.0 * found.load[1] + 0.005, "the middle of what was fitted is not that of all"
+
+
+@pytest.mark.parametrize("k_e", [0.2, 0.3])
+def test_a_constant_voltage_explains_nothing_by_itself(k_e: float) -> None:
+    """What back-EMF takes from it is exactly a friction that falls with speed."""
+    motor = Model(GeneralJoint(J=0.2, G=0.0), (DCMotor(k_e=0.25),), dt=DT)
+    run = simulate(motor, np.ones(round(8.0 / DT)), 0.0, 0.3)
+    (record,) = Sensor(theta=1e-4).measure(run, np.random.default_rng(0))
+    first, last = record.head(len(record) // 2), record.part(len(record) // 2, len(record), "last")
+    model, names = motor.with_parameters({"dc_motor.k_e": k_e}), ("J", "dc_motor.k_e")
+    assert friction_along(model, names, [first], [last], Sensor(theta=1e-4)) is None
 
 
 def test_a_log_that_is_too_short_for_one_span_shows_none() -> None:

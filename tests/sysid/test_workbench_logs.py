@@ -205,6 +205,14 @@ def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, s
     assert session.state.log_options.hold_out is None
 
 
+@pytest.mark.parametrize("zero", [0.0, 2.157])
+def test_a_zero_by_number_is_shown_and_kept(bench: Workbench, swing: Path, zero: float) -> None:
+    session = bench.open(LogOptions(files=(swing,), zero=zero), ModelOptions())
+    assert f"where it hangs at {zero:g}" in str(bench.part("log", session))
+    log_part.change(session, {"t": "t", "theta": "theta", "plant": "rod", "input": "torque", "zero": zero})
+    assert session.state.log_options.zero == zero
+
+
 def test_the_joint_of_a_bag_can_be_chosen_where_it_has_several(bench: Workbench, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     t = 0.02 * np.arange(200)
