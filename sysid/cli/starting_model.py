@@ -13,7 +13,7 @@ from sysid.data.columns import Command
 from sysid.data.logs import Log, needed_rate
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimation.fit import free
+from sysid.estimation.fit import free, is_driven
 from sysid.estimation.saved_model import load
 from sysid.limits import LOG_SUBSTEPS, check_size
 from sysid.physics.effects import CATALOGUE, Actuator, effect
@@ -184,7 +184,7 @@ def shown(model: Model, names: tuple[str, ...], log: Log, given: bool) -> tuple[
     """The model and its free names without those that the log cannot show: what sets the scale of all torques where no
     torque is known, and a gravity that could also be none where no angle says where a joint is that turns round. That
     of a `given` model stays as it is."""
-    if not any(np.any(record.u != 0.0) for record in log) and not isinstance(model.actuator, PositionServo):
+    if not is_driven(model, log.records):
         scale = model.plant.scale
         if scale in names:
             _cannot_show("a free swing", model, scale, "torque" if model.plant.turns else "force")

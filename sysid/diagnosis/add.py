@@ -93,13 +93,14 @@ def add(
     InvalidInput
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
-    names = model.names if isinstance(model, Estimate) else free(model)
+    records = check_records(model.model if isinstance(model, Estimate) else model, records)
+    names = model.names if isinstance(model, Estimate) else free(model, records)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
     if name in {e.name for e in model.effects}:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
     with_it = model.with_effect(effect(name))  # raises where it is unknown or excluded
-    training, held_out = split(check_records(model, records), hold_out)
+    training, held_out = split(records, hold_out)
     sensor = relied_on(with_it, training, sensor or sensor_noise(records).sensor)
     base = first_fit(Samples(model, training, sensor), model, names)
     score = scores(base, (name,)).get(name)

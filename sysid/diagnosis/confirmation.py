@@ -173,7 +173,8 @@ class Confirmation:
 
         There are two cases. More torque, by what matters, is missing with the addition than without it, and it does not
         halve the held-out error beyond the noise. Or what remains depends on the one quantity of which the effect is a
-        function, and the effect explains less than `most` of it or only with a number driven to its bound.
+        function, and the effect explains less than `most` of what that quantity predicts, or only with a number driven
+        to its bound.
         """
         before = list(self.additions)
         while (masking := self._masking()) is not None:
@@ -194,20 +195,26 @@ class Confirmation:
             without = self.torque(fewer).after
             more = torque.after > (1.0 + self.search.settings.tolerance) * without
             worse = more and not is_lowered(error.ratio, its_error.ratio, TELLING)
-            if worse or self._hides(addition, end, error, torque, without):
+            if worse or self._hides(addition, end, error, torque, fewer):
                 return addition
         return None
 
-    def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
-        """Whether an addition is a part of something unknown; `without` [N m] is the missing torque without it."""
+    def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, fewer: Fit) -> bool:
+        """Whether an addition is a part of something unknown; `fewer` is the fit without it."""
         imitates = CATALOGUE[addition.name].imitates
         if not imitates:
             return False
         remaining = self.remaining(end, error, torque)
         if remaining is None or imitates not in remaining.depends_on:
             return False
+        part, before = (self._predicted(fit, imitates) for fit in (end, fewer))
         bent = end.at_bounds - self.base.at_bounds
-        return bool(bent) or torque.after**2 > (1.0 - self.search.settings.most) * without**2
+        return bool(bent) or part > (1.0 - self.search.settings.most) * before
+
+    def _predicted(self, fit: Fit, quantity: str) -> float:
+        """The mean square [N^2 m^2] of that part of a fit's missing torque that a function of one quantity predicts."""
+        missing = self.missing(fit)
+        return dependence(fit, missing).shares.get(quantity, 0.0) * float(np.nanmean(missing**2))
 
     def _reconsider(self) -> None:
         """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the

@@ -82,7 +82,7 @@ def diagnose(
     effects : iterable of str, optional
         Names of the effects that may be missing; by default the whole catalogue.
     parameters : sequence of str, optional
-        The free parameters; by default the estimate's, or all but gravity.
+        The free parameters; by default the estimate's, or all but gravity and, in free swings, the inertia.
     settings : SearchSettings, optional
         What counts as evidence, and what matters.
 
@@ -106,7 +106,7 @@ def diagnose(
     notes = notes_of(records)
     records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
     if parameters is None:
-        parameters = model.names if isinstance(model, Estimate) else free(model)
+        parameters = model.names if isinstance(model, Estimate) else free(model, records)
     names = tuple(parameters)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model

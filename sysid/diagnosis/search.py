@@ -316,9 +316,10 @@ class Search:
         """Whether a periodic pattern comes back often enough to be believed, in at least one record."""
         samples = trial.fit.samples
         rows = [slice(a, b) for a, b in zip(samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)]
+        motions = [(samples.smoothed[i, 0], samples.time_since_start[i], samples.commands[i]) for i in rows]
         for e in trial.fit.model.effects:
             if e.name in trial.effects:
-                found = [e.recurrences(samples.smoothed[own, 0], samples.time_since_start[own]) for own in rows]
+                found = [e.recurrences(*motion) for motion in motions]
                 if max(found) < self.settings.recurrences or min(found) == -math.inf:
                     return False
         return True

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
@@ -20,9 +22,19 @@ from sysid.physics.model import Model
 from sysid.physics.parameters import Parameter
 
 
-def free(model: Model) -> tuple[str, ...]:
-    """The parameters that a fit frees by default: all but those that are known, such as gravity."""
-    return tuple(name for name, p in model.parameters.items() if not p.known)
+def free(model: Model, records: Sequence[Record] = ()) -> tuple[str, ...]:
+    """The parameters that a fit frees by default: all but those that are known, such as gravity, and but the scale of
+    all torques (`Plant.scale`) where the records are free swings, which cannot show it."""
+    unknown = tuple(name for name, p in model.parameters.items() if not p.known)
+    if not records or is_driven(model, records):
+        return unknown
+    return tuple(name for name in unknown if name != model.plant.scale)
+
+
+def is_driven(model: Model, records: Sequence[Record]) -> bool:
+    """Whether a drive acts in any of the records: a torque that is not 0, or a servo that is told positions."""
+    told = model.actuator is not None and model.actuator.at_angle
+    return told or any(np.any(record.u != 0.0) for record in records)
 
 
 def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
@@ -58,7 +70,7 @@ def fit(
         Noise of the readings. By default it is found from the records without any model, and the speed is left out
         where it tells little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
     parameters : sequence of str, optional
-        The names of the free parameters; by default all but gravity.
+        The names of the free parameters; by default all but gravity and, in free swings, the inertia (`free`).
 
     Returns
     -------
@@ -72,7 +84,7 @@ def fit(
     """
     records = check_records(model, records)
     sensor = sensor or found_sensor(model, records)
-    names = free(model) if parameters is None else tuple(parameters)
+    names = free(model, records) if parameters is None else tuple(parameters)
     if not names:
         raise InvalidInput("nothing is left to fit: every parameter is fixed")
     free_parameters(model, names)  # raises for names that the model lacks

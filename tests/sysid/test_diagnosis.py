@@ -26,6 +26,7 @@ from sysid import (
     Saturation,
     Sensor,
     Spring,
+    TorqueBias,
     Viscous,
     diagnose,
     fit,
@@ -71,6 +72,16 @@ class Detent(JointEffect):
     def torque(self, joint: Joint) -> Value:
         x = (joint.theta + 0.3) / 0.05
         return self.f * ops.exp(-x * x)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class UnevenDamping(JointEffect):
+    """A damping that brakes on one side of hanging and pushes on the other."""
+
+    b: Value = parameter(0.0, unit="N m s/rad", neutral=0.0)  # noqa: RUF009
+
+    def torque(self, joint: Joint) -> Value:
+        return -self.b * joint.theta_dot * ops.sin(2.0 * joint.theta)
 
 
 # what is found -----------------------------------------------------------------------------------------------
@@ -182,6 +193,31 @@ def test_a_carriage_is_where_it_is() -> None:
     assert [s.effect for s in found.steps] == ["viscous"]
     begin, end = map(float, re.findall(r"from (\S+) to (\S+) m ", found.remaining.where)[0])
     assert -0.5 < begin < end < -0.1
+
+
+def test_a_constant_torque_is_named_beside_a_torque_that_nothing_explains() -> None:
+    """It explains less than half of what is missing, but nearly all of what the angle alone predicts."""
+    found = diagnose(rod(), logs(truth(TorqueBias(tau_0=0.15), UnevenDamping(b=0.1))), SENSOR, effects=("torque_bias",))
+    assert [s.effect for s in found.steps] == ["torque_bias"]
+    assert found.estimate.values["torque_bias.tau_0"] == pytest.approx(
+        0.15, abs=3.0 * found.estimate.sd["torque_bias.tau_0"]
+    )
+    assert found.verdict == "partly" and found.remaining is not None
+    assert found.remaining.depends_on == ("theta", "theta_dot")
+    assert 1.0 - (found.torque.after / found.torque.before) ** 2 < 0.5
+
+
+def test_the_friction_of_a_free_swing_is_named_relative_to_the_inertia_of_the_model() -> None:
+    """Also where the angle is read a little wrong, which no flexible transmission explains."""
+    rng, dt = np.random.default_rng(0), 0.02
+    swing = simulate(Model(GeneralJoint(J=0.1, G=2.2), (Viscous(b=0.002),), dt=dt), np.zeros(2000), math.pi + 0.8, 0.0)
+    x = swing.theta - math.pi
+    for share in (0.0, 0.03):
+        read = math.pi + x * (1.0 + share * x**2) + 0.0015 * rng.standard_normal(len(x))
+        found = diagnose(Model(GeneralJoint(J=0.1, G=2.0), dt=dt), [Record(swing.t, swing.u, read)])
+        assert [s.effect for s in found.steps] == ["viscous"] and found.estimate.names == ("G", "viscous.b")
+        assert found.estimate.values["viscous.b"] == pytest.approx(0.002, rel=0.05)
+        assert found.verdict == ("partly" if share else "missing")
 
 
 def test_nothing_hidden_nothing_missing() -> None:

@@ -41,9 +41,9 @@ def test_frequencies_to_try_reach_from_two_periods_to_the_highest_that_the_log_s
 
 
 def swing(f, seconds=30.0):
-    """A sine motion of f [Hz], and its instants."""
+    """A sine motion of f [Hz], its instants, and the commands of a free swing."""
     t = np.arange(0.0, seconds, 0.02)
-    return math.pi + 0.8 * np.sin(2.0 * math.pi * f * t), t
+    return math.pi + 0.8 * np.sin(2.0 * math.pi * f * t), t, 0.0 * t
 
 
 @pytest.mark.parametrize("seconds", [20.0, 30.0, 41.0, 60.0])
@@ -55,8 +55,8 @@ def test_a_torque_that_comes_back_with_the_motion_may_be_a_function_of_it(f, sec
 
 @pytest.mark.parametrize("f", [0.14, 0.25, 0.35, 1.07])
 def test_a_torque_that_does_not_come_back_with_the_motion_counts_its_periods(f):
-    theta, t = swing(0.1)
-    assert Periodic(f=f).recurrences(theta, t) == pytest.approx(f * np.ptp(t))
+    theta, t, u = swing(0.1)
+    assert Periodic(f=f).recurrences(theta, t, u) == pytest.approx(f * np.ptp(t))
 
 
 def test_beside_a_motion_that_never_comes_back_every_frequency_counts():
@@ -65,4 +65,4 @@ def test_beside_a_motion_that_never_comes_back_every_frequency_counts():
     drifting = np.cumsum(np.cumsum(np.random.default_rng(0).standard_normal(len(t))))
     for motion in (chirp, drifting, np.full_like(t, math.pi)):
         for f in (0.1, 0.3, 1.0):
-            assert Periodic(f=f).recurrences(motion, t) == pytest.approx(f * np.ptp(t))
+            assert Periodic(f=f).recurrences(motion, t, 0.0 * t) == pytest.approx(f * np.ptp(t))

@@ -202,3 +202,16 @@ def test_a_method_that_cannot_carry_it_says_so(method):
     model = rod(replace(DAHL, tau_c=0.1))
     with pytest.raises(InvalidInput, match="'dahl' has states of its own"):
         method.fit(model, logs(truth(), n=1))
+
+
+@pytest.mark.parametrize("seconds", [12.0, 40.0])
+def test_a_free_swing_shakes_no_spring_within_its_own_lower_harmonics(seconds: float) -> None:
+    """Unless it rings beside the swing, so that the motion does not come back, or a drive shakes it."""
+    t = np.arange(0.0, seconds, 0.02)
+    swing = math.pi + 0.5 * np.exp(-0.02 * t) * np.sin(2.0 * math.pi * 0.7 * t)
+    ringing = swing + 0.3 * np.sin(2.0 * math.pi * 1.83 * t)
+    for f, shaken in ((1.4, False), (2.0, False), (2.1, False), (2.6, True), (9.0, True)):
+        flexible = replace(FLEXIBLE, f=f)
+        assert (flexible.recurrences(swing, t, 0.0 * t) == math.inf) is shaken
+        assert shaken or flexible.recurrences(swing, t, 0.0 * t) == 0.0
+        assert flexible.recurrences(swing, t, np.cos(t)) == flexible.recurrences(ringing, t, 0.0 * t) == math.inf

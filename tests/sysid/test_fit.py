@@ -22,6 +22,7 @@ from sysid import (
     Model,
     Plant,
     PointMassPendulum,
+    PositionServo,
     Record,
     RodPendulum,
     Saturation,
@@ -88,6 +89,14 @@ def test_what_is_fixed_keeps_its_number(clean: list[Record]) -> None:
     assert estimate.model.parameters["m"].value == 1.05
     both, one = fit(rod(), clean, SENSOR), fit(rod(), clean, SENSOR, ("m",))
     assert one.sd["m"] <= both.sd["m"]
+
+
+def test_a_free_swing_fits_what_it_shows(clean: list[Record]) -> None:
+    swing = [replace(record, u=0.0 * record.u) for record in clean]
+    assert free(rod(Viscous()), clean) == free(rod(Viscous()), [*swing, *clean]) == ("m", "l", "viscous.b")
+    assert free(rod(Viscous()), swing) == ("l", "viscous.b")
+    servo = Model(GeneralJoint(), (PositionServo(),))
+    assert "J" in free(servo, swing), "a servo that is told to stay at 0 holds the joint there"
 
 
 def test_gravity_is_known_unless_it_is_named(clean: list[Record]) -> None:

@@ -94,9 +94,9 @@ def test_a_ripple_comes_back_with_every_wave_that_the_motion_meets():
     for turns in (0.25, 1.0, 3.0):
         once = 1.0 + 2.0 * math.pi * turns * t / 10.0
         again = 1.0 + math.pi * turns * (1.0 - np.cos(4.0 * t))
-        assert Ripple(order=6.0).recurrences(once, t) == pytest.approx(6.0 * turns)
-        assert Ripple(order=6.0).recurrences(again, 3.0 * t) == pytest.approx(6.0 * turns, rel=1e-3)
-    assert Tilt().recurrences(once, t) == Spring().recurrences(once, t) == math.inf, "neither is a pattern"
+        assert Ripple(order=6.0).recurrences(once, t, t) == pytest.approx(6.0 * turns)
+        assert Ripple(order=6.0).recurrences(again, 3.0 * t, t) == pytest.approx(6.0 * turns, rel=1e-3)
+    assert Tilt().recurrences(once, t, t) == Spring().recurrences(once, t, t) == math.inf, "neither is a pattern"
 
 
 DIRECTIONAL = DirectionalLoadFriction(mu_drive=0.05, mu_back=0.25)

@@ -59,9 +59,9 @@ class Periodic(JointEffect):
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
 
-    def recurrences(self, theta: Array, t: Array) -> float:
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
         """Periods in the record; -inf if the motion repeats with them: the torque may then be a function of it."""
-        waves = float(self.f) * _period(theta, t)
+        waves = float(self.f) * period_of(theta, t)
         returns = waves > 0.5 and abs(waves - round(waves)) < 0.1
         return -math.inf if returns else float(self.f * np.ptp(t))
 
@@ -84,7 +84,7 @@ class Drift(JointEffect):
         return self.r * joint.t
 
 
-def _period(theta: Array, t: Array) -> float:
+def period_of(theta: Array, t: Array) -> float:
     """The period [s] of a motion; 0 if it does not repeat within three quarters of the record.
 
     It is the first high peak of the autocorrelation, as multiples of the period have peaks, too; 1 is an exact

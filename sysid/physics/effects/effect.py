@@ -104,9 +104,9 @@ class Effect(Parametric):
 
     name: ClassVar[str] = "effect"
 
-    def recurrences(self, theta: Array, t: Array) -> float:
-        """How often its pattern repeats along a motion theta (N,) [rad] at t (N,) [s]. inf: it has no pattern; -inf:
-        the motion repeats with it, so that it may as well be a function of the motion."""
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
+        """How often its pattern repeats along a motion theta (N,) [rad] at t (N,) [s] under commands u (N,). inf: it
+        has no pattern; -inf: the motion repeats with it, so that it may as well be a function of the motion."""
         return math.inf
 
     @property

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.physics import ops
+from sysid.physics.effects.disturbance import period_of
 from sysid.physics.effects.effect import DryFriction, DynamicEffect, Joint, JointEffect, Memory, Stretch
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Extent, parameter
 
 LARGEST_SHARE = 0.95
 """Share of the load, at most, that friction may take if the machine is to move."""
+LOWEST_RESONANCE = 3.5
+"""Times a free swing's own frequency from which a resonance is believed: the swing has next to no higher harmonics."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +147,7 @@ class Ripple(JointEffect):
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
 
-    def recurrences(self, theta: Array, t: Array) -> float:
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
         """Waves along the motion."""
         return float(self.order * np.ptp(theta)) / (2.0 * math.pi)
 
@@ -198,6 +201,12 @@ class FlexibleTransmission(DynamicEffect):
     J: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
     f: Value = parameter(10.0, unit="Hz", bounds=(0.2, 500.0), probe=_resonances)
     zeta: Value = parameter(0.03, unit="1", bounds=(0.0, 0.9), probe=(0.03,))
+
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
+        """0 if a free swing comes back within LOWEST_RESONANCE of its periods: the swing's own second or third harmonic
+        is all that shakes it then, and any function of the motion has these."""
+        waves = float(self.f) * period_of(theta, t)
+        return 0.0 if not np.any(u) and 0.0 < waves < LOWEST_RESONANCE else math.inf
 
     def follow(self, states: Memory, stretch: Stretch) -> tuple[Value, Value, Memory]:
         """The exact solution for a constant acceleration of the joint."""

@@ -201,7 +201,7 @@ class Eccentricity(OutputEffect):
     a: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
     b: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
 
-    def recurrences(self, theta: Array, t: Array) -> float:
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
         """Turns along the motion."""
         return float(np.ptp(theta)) / (2.0 * math.pi)
 
