@@ -16,6 +16,7 @@ from .diagnosis.compare import compare as compare
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.residual_torque import ResidualTorque as ResidualTorque
 from .diagnosis.residual_torque import residual_torque as residual_torque
+from .diagnosis.search_settings import SearchSettings as SearchSettings
 from .errors import InvalidInput as InvalidInput
 from .estimation.estimate import Estimate as Estimate
 from .estimation.fisher_information import fisher_information as fisher_information
@@ -98,4 +99,8 @@ from .physics.plants import PointMassPendulum as PointMassPendulum
 from .physics.plants import RodPendulum as RodPendulum
 from .physics.simulate import Trajectory as Trajectory
 from .physics.simulate import simulate as simulate
+from .planning.excitation import Limits as Limits
+from .planning.next_experiment import next_experiment as next_experiment
+from .planning.planned_experiment import Experiment as Experiment
 from .report.figures import plot_comparison as plot_comparison
+from .report.write import write_report as write_report

@@ -221,10 +221,9 @@ class LogAndModel:
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
-        whole = read_log(command.log, model)
-        log = whole.thinned() if command.log.dt is None else whole
+        log = read_log(command.log, model)
         logger.info(log)
-        measured = _sensor(command.log, whole, model.plant)
+        measured = _sensor(command.log, log, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = sampled(model, names, log, given)
         model, names = shown(model, names, log, given)

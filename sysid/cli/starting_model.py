@@ -13,7 +13,7 @@ from sysid.data.columns import Command
 from sysid.data.logs import Log, needed_rate
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimation.fit import free, is_driven
+from sysid.estimation.fit import free, without_scale
 from sysid.estimation.saved_model import load
 from sysid.limits import LOG_SUBSTEPS, check_size
 from sysid.physics.effects import CATALOGUE, Actuator, effect
@@ -184,11 +184,10 @@ def shown(model: Model, names: tuple[str, ...], log: Log, given: bool) -> tuple[
     """The model and its free names without those that the log cannot show: what sets the scale of all torques where no
     torque is known, and a gravity that could also be none where no angle says where a joint is that turns round. That
     of a `given` model stays as it is."""
-    if not is_driven(model, log.records):
-        scale = model.plant.scale
-        if scale in names:
-            _cannot_show("a free swing", model, scale, "torque" if model.plant.turns else "force")
-        names = tuple(n for n in names if n != scale)
+    kept = without_scale(model, names, log)
+    if kept != names:
+        _cannot_show("a free swing", model, model.plant.scale, "torque" if model.plant.turns else "force")
+    names = kept
     gravity = model.plant.gravity
     if gravity in names and any(map(_turns_round, log)):
         model = model if given else model.with_parameters({gravity: 0.0})

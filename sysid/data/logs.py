@@ -116,6 +116,7 @@ def read(
     plant: Plant | None = None,
     command: Command = "torque",
     joint: str = "",
+    thin: bool = True,
 ) -> Log:
     """Read logs into evenly sampled records in SI units with theta = 0 upright; a file may hold several rollouts.
 
@@ -152,6 +153,8 @@ def read(
         position of a servo, which is converted as the angle is. The model needs the actuator that goes with it.
     joint : str
         Which joint of a bag's sensor_msgs/JointState to read, if there are several; its effort is the torque.
+    thin : bool
+        Whether a log that was sampled much faster than its motion needs is thinned if no dt is given (`Log.thinned`).
 
     Returns
     -------
@@ -191,7 +194,8 @@ def read(
         free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
     shift = hanging - math.pi  # the file's angles less ours
-    return Log(records, (*notes, *more, *checks.doubts(records, plant, command, shift, degrees)), step)
+    log = Log(records, (*notes, *more, *checks.doubts(records, plant, command, shift, degrees)), step)
+    return log.thinned() if thin and dt is None else log
 
 
 def _hanging(zero: str | float, degrees: bool) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
@@ -48,6 +48,8 @@ class Record:
         The instant [s] at which the rollout began, from which time-dependent effects count; by default t[0].
     before : array (M,) or None
         The commands of the M intervals before t[0], which drives remember; by default none.
+    whole : Record or None
+        The record that it was thinned from, whose readings show the noise best; None if it was not thinned.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Record:
     name: str = "record"
     origin: float | None = None
     before: Array | None = None
+    whole: Record | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for column in (*COLUMNS, "before"):
@@ -161,6 +164,7 @@ class Record:
             theta_dot=instants(self.theta_dot),
             before=None if self.before is None else past,
             origin=float(self.t[0]) if self.origin is None else self.origin,
+            whole=self.whole or self,
         )
 
     @property
@@ -227,6 +231,11 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     return given
 
 
+def as_read(records: Sequence[Record]) -> list[Record]:
+    """The records that these were thinned from, each once, and those that were not thinned."""
+    return list(dict.fromkeys(r.whole or r for r in records))
+
+
 def unique_names(records: Sequence[Record]) -> tuple[Record, ...]:
     """The records, numbered where several share a name: answers refer to stretches of a record by its name."""
     names = [r.name for r in records]
@@ -244,7 +253,8 @@ def check_direct(model: Model, method: str) -> None:
 
 
 def write_csv(record: Record, path: str | Path) -> None:
-    """Write a record as CSV that `read` brings back exactly: one row for each instant, missing values as empty cells.
+    """Write a record as CSV: one row for each instant, missing values as empty cells. `read` brings it back exactly,
+    if it does not thin it.
 
     Parameters
     ----------

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sysid.data.json_file import told
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, check_records
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import UNITS, Sensor
 from sysid.data.splitting import split
 from sysid.diagnosis.findings import fitted_numbers, with_numbers
 from sysid.errors import InvalidInput
@@ -21,11 +21,11 @@ from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.physics.effects import effect
+from sysid.physics.effects import OutputEffect, effect, kind_of
 from sysid.physics.model import Model
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Added:
     """An effect that was added to a model.
 
@@ -57,7 +57,7 @@ class Added:
         errors = {"error_before": self.before.to_dict(), "error_after": self.after.to_dict()}
         return told(self, "effect", "estimate") | errors
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{self.estimate}\n{self.sentence}"
 
 
@@ -94,9 +94,9 @@ def add(
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
     records = check_records(model.model if isinstance(model, Estimate) else model, records)
-    names = model.names if isinstance(model, Estimate) else free(model, records)
+    names = free(model, records)
     if isinstance(model, Estimate):
-        sensor, model = sensor or model.sensor, model.model
+        sensor, model = sensor or _sensor_of(model, name, records), model.model
     if name in {e.name for e in model.effects}:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
     with_it = model.with_effect(effect(name))  # raises where it is unknown or excluded
@@ -114,3 +114,12 @@ def add(
         before=held_out_error(base.model, held_out, sensor),
         after=held_out_error(better.model, held_out, sensor),
     )
+
+
+def _sensor_of(estimate: Estimate, name: str, records: Sequence[Record]) -> Sensor | None:
+    """The estimate's sensor; for an effect of a sensor with all channels, of which the estimate left out what it could
+    not explain."""
+    own = estimate.sensor
+    if own is None or not issubclass(kind_of(name), OutputEffect):
+        return own
+    return replace(sensor_noise(records).sensor, **{c: sd for c in UNITS if (sd := getattr(own, c)) is not None})

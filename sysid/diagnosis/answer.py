@@ -120,7 +120,7 @@ class MissingTorque:
         return told(self, "drive", "before", "after", "explained")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """What the model lacks, with the evidence, and the mended model.
 
@@ -377,7 +377,7 @@ class Diagnosis:
         on = dependence_on(remaining.depends_on, touched, remaining.where)
         return f"a {what} of rms {remaining.torque:.2g} {unit} remains that no known effect explains; {on}"
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [self.sentence, *(f"  but {doubt}" for doubt in self.doubts)]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"

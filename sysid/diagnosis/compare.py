@@ -36,7 +36,7 @@ from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """A model compared to records. Errors are those of windows whose initial state is refitted (see HeldOutError).
 
@@ -141,7 +141,7 @@ class Comparison:
         }
         return dict(plain(others)) | told(self, "units", "sentence", "adequate", "causes", "whiteness")
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units
         noise = ", ".join(f"{c} {getattr(self.sensor, c):.3g} {units[c]}" for c in shown)
         lines = [f"{len(self.records)} rollout{'s' * (len(self.records) != 1)}, sensor noise {noise}"]

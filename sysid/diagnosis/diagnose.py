@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.checks import check_excitation
 from sysid.data.logs import notes_of
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
@@ -105,13 +106,12 @@ def diagnose(
     began = time.perf_counter()
     notes = notes_of(records)
     records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
-    if parameters is None:
-        parameters = model.names if isinstance(model, Estimate) else free(model, records)
-    names = tuple(parameters)
+    names = free(model, records) if parameters is None else tuple(parameters)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
     chosen = None if effects is None else _known(effects)
     sensor = sensor or sensor_noise(records).sensor
+    check_excitation(records, sensor)
     fitted, held_out = split(records, hold_out)
     training = sample_of(fitted, settings.samples)
     if training != fitted:

@@ -92,7 +92,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
 def _white(records: Sequence[Record]) -> bool:
     """Whether the speed's errors are white: as large from sample to sample (in their sixth differences) as in all."""
     try:
-        in_all = sensor_noise([replace(r, theta=None) for r in records]).sensor.theta_dot or math.inf
+        in_all = sensor_noise([replace(r, theta=None, whole=None) for r in records]).sensor.theta_dot or math.inf
     except InvalidInput:  # too few readings
         return False
     sixth = np.concatenate([np.diff(r.theta_dot, 6) for r in records if r.theta_dot is not None])

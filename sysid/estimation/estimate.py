@@ -21,7 +21,7 @@ TOLD = (
 """What plain data tell of an estimate."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """A fitted model with its uncertainty, as every identifier returns it.
 
@@ -128,7 +128,7 @@ class Estimate:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
         return told(self, *TOLD)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         parameters = self.model.parameters
         width, units = max(len(n) for n in self.names), self.units
         lines = [f"{self.method}: {self.status}"]

@@ -22,19 +22,20 @@ from sysid.physics.model import Model
 from sysid.physics.parameters import Parameter
 
 
-def free(model: Model, records: Sequence[Record] = ()) -> tuple[str, ...]:
-    """The parameters that a fit frees by default: all but those that are known, such as gravity, and but the scale of
-    all torques (`Plant.scale`) where the records are free swings, which cannot show it."""
-    unknown = tuple(name for name, p in model.parameters.items() if not p.known)
-    if not records or is_driven(model, records):
-        return unknown
-    return tuple(name for name in unknown if name != model.plant.scale)
+def free(model: Model | Estimate, records: Sequence[Record] = ()) -> tuple[str, ...]:
+    """The parameters that a fit frees by default: those of an estimate, or all of a model but those that are known,
+    such as gravity; in both cases without what free swings do not show (`without_scale`)."""
+    if isinstance(model, Estimate):
+        return without_scale(model.model, model.names, records)
+    return without_scale(model, [name for name, p in model.parameters.items() if not p.known], records)
 
 
-def is_driven(model: Model, records: Sequence[Record]) -> bool:
-    """Whether a drive acts in any of the records: a torque that is not 0, or a servo that is told positions."""
+def without_scale(model: Model, names: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
+    """The names without the scale of all torques (`Plant.scale`) if the records are free swings, which cannot show it:
+    all torques are 0, and no servo is told positions."""
     told = model.actuator is not None and model.actuator.at_angle
-    return told or any(np.any(record.u != 0.0) for record in records)
+    swings = bool(records) and not told and not any(np.any(record.u != 0.0) for record in records)
+    return tuple(name for name in names if not (swings and name == model.plant.scale))
 
 
 def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
@@ -86,7 +87,7 @@ def fit(
     sensor = sensor or found_sensor(model, records)
     names = free(model, records) if parameters is None else tuple(parameters)
     if not names:
-        raise InvalidInput("nothing is left to fit: every parameter is fixed")
+        raise InvalidInput("nothing is left to fit: every parameter that these records can show is fixed")
     free_parameters(model, names)  # raises for names that the model lacks
     return _from_neutral(Samples(model, records, sensor), model, names).estimate()
 

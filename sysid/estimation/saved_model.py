@@ -136,6 +136,9 @@ def load_model(path: str | PathLike[str]) -> Model:
 
 def to_dict(answer: Model | Estimate) -> dict[str, Any]:
     """Plain data of schema "gapfinder/model/1"."""
+    if not isinstance(answer, Model | Estimate):
+        came = f"a {type(answer).__name__}" + (", whose `estimate` is one" if hasattr(answer, "estimate") else "")
+        raise InvalidInput(f"what is to be saved is {came}: expected a Model or an Estimate")
     estimate = answer if isinstance(answer, Estimate) else None
     model = answer if isinstance(answer, Model) else answer.model
     for part, ours in ((model.plant, PLANTS), (model.integrator, INTEGRATORS)):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.errors import InvalidInput
+from sysid.limits import LOG_SUBSTEPS
 from sysid.physics.effects.effect import (
     Actuator,
     DryFriction,
@@ -31,8 +32,15 @@ from sysid.physics.parameters import Parameter
 from sysid.physics.plants import Plant
 
 Drives = tuple[Value, ...]
+LONGEST_STEP = 0.025
+"""Longest step [s] of the integrator if none is asked for."""
 NEWTON_STEPS = 4
 """Newton steps for the speed at the end of a substep; one is exact if the dynamic effects are linear."""
+
+
+def _integrator_of(dt: float) -> Integrator:
+    """The integrator of a control interval dt [s] if none is asked for."""
+    return RK4(substeps=max(2, math.ceil(min(dt / LONGEST_STEP, LOG_SUBSTEPS))) if dt > 0.0 else 2)
 
 
 class State(NamedTuple):
@@ -58,8 +66,8 @@ class Model:
         What swings or slides.
     effects : tuple of Effect
         What else acts: between command and drive torque, at the joint, and between joint and readings.
-    integrator : Integrator
-        The scheme that steps a control interval.
+    integrator : Integrator, optional
+        The scheme that steps a control interval; by default RK4 in two steps or more, none longer than 25 ms.
     dt : float
         The control interval [s].
     u_max : float
@@ -73,13 +81,14 @@ class Model:
 
     plant: Plant
     effects: tuple[Effect, ...] = ()
-    integrator: Integrator = dataclasses.field(default_factory=lambda: RK4(substeps=2))
+    integrator: Integrator = None  # type: ignore[assignment]
     dt: float = 0.05
     u_max: float = math.inf
 
     def __post_init__(self) -> None:
         if not isinstance(self.plant, Plant):
             raise InvalidInput(f"plant is {self.plant!r}: expected a plant, such as RodPendulum()")
+        object.__setattr__(self, "integrator", self.integrator or _integrator_of(self.dt))
         if not isinstance(self.integrator, Integrator):
             raise InvalidInput(f"integrator is {self.integrator!r}: expected one, such as RK4(substeps=2)")
         given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)

@@ -35,7 +35,7 @@ class Contest(NamedTuple):
     after: float = math.nan
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Experiment:
     """What to do next on the rig, and what it will be worth.
 
@@ -149,7 +149,7 @@ class Experiment:
         else:
             save_csv(path, ("t", "torque"), (row[1:] for row in rows))
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [self.description]
         if self.u.size:
             lines.append(

@@ -119,6 +119,7 @@ def test_a_fit_relies_on_what_a_diagnosis_relies_on() -> None:
         assert abs(value - float(JOINT.parameters[name].value)) < 4.0 * found.sd[name], name
     bent = fit(JOINT, records, Sensor(theta=ANGLE, theta_dot=0.2 * SIMILAR))
     assert any(abs(v - float(JOINT.parameters[n].value)) > 4.0 * bent.sd[n] for n, v in bent.values.items())
-    asked = add(JOINT, "filtered_speed", records).estimate
-    assert asked.sensor is not None and asked.sensor.theta_dot is not None
-    assert abs(asked.values["filtered_speed.T"] - 0.1) < 0.02
+    for begun in (JOINT, found):
+        asked = add(begun, "filtered_speed", records).estimate
+        assert asked.sensor is not None and asked.sensor.theta_dot is not None
+        assert abs(asked.values["filtered_speed.T"] - 0.1) < 0.02

@@ -54,6 +54,26 @@ def hidden(tmp_path_factory):
     return written(swings(plant, sysid.Coulomb(0.15)), tmp_path_factory.mktemp("hidden"))
 
 
+def test_python_answers_as_the_command_does(tmp_path, capsys):
+    """Of a log that was sampled ten times faster than its motion needs."""
+    rng, t = np.random.default_rng(0), 0.002 * np.arange(10_001)
+    model = sysid.Model(sysid.GeneralJoint(J=0.1, G=2.0), (sysid.Viscous(b=0.01),), dt=0.002)
+    swing = sysid.simulate(model, np.zeros(10_000), math.pi + 0.7, 0.0)
+    read = np.round((swing.theta - math.pi + 0.001 * rng.standard_normal(len(t))) / 5e-4) * 5e-4
+    table = np.column_stack([t, read])
+    np.savetxt(tmp_path / "swing.csv", table, "%.8g", ",", header="t,theta", comments="")
+    answer = str(tmp_path / "answer.json")
+    assert main(["diagnose", str(tmp_path / "swing.csv"), *"--plant joint --zero hanging --json".split(), answer]) == 0
+    told = json.loads(Path(answer).read_text())
+    log = sysid.read(tmp_path / "swing.csv", zero="hanging")
+    assert log.dt == pytest.approx(0.02) and log[0].whole.dt == pytest.approx(0.002)
+    found = sysid.diagnose(sysid.Model(sysid.GeneralJoint(), dt=log.dt), log)
+    assert found.verdict == told["verdict"] == "missing" and [s.effect for s in found.steps] == ["viscous"]
+    for name, value in found.estimate.values.items():
+        assert value == pytest.approx(told["parameters"][name]["value"], rel=1e-3)
+    assert repr(found) == str(found) and str(found).splitlines()[0] in capsys.readouterr().out
+
+
 @pytest.mark.long
 def test_the_whole_loop(hidden, tmp_path, capsys):
     model, better, answer = (str(tmp_path / name) for name in ("model.json", "better.json", "answer.json"))

@@ -220,6 +220,23 @@ def test_the_friction_of_a_free_swing_is_named_relative_to_the_inertia_of_the_mo
         assert found.verdict == ("partly" if share else "missing")
 
 
+def test_an_estimate_of_another_log_is_diagnosed_in_what_this_log_shows() -> None:
+    begun = fit(Model(GeneralJoint(), dt=DT), logs(Model(GeneralJoint(J=0.15, G=1.5), dt=DT)), SENSOR)
+    hidden = Model(begun.model.plant, (Coulomb(tau_c=0.05),), dt=DT)
+    swings = logs(hidden, n=4, draw=lambda rng, count, dt: np.zeros(count))
+    found = diagnose(begun, swings, SENSOR, effects=("coulomb", "viscous"))
+    assert begun.names == ("J", "G") and found.estimate.names == ("G", "coulomb.tau_c")
+    assert found.verdict == "missing"
+    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.05, rel=0.02)
+
+
+def test_a_machine_at_rest_is_not_diagnosed() -> None:
+    rng, t = np.random.default_rng(0), DT * np.arange(401)
+    still = Record(t, np.full(400, 0.02), math.pi + 0.003 * rng.standard_normal(401))
+    with pytest.raises(InvalidInput, match=r"at rest: theta stays within .* nothing excites m"):
+        diagnose(rod(), [still])
+
+
 def test_nothing_hidden_nothing_missing() -> None:
     found = of("nothing")
     assert found.verdict == "adequate"

@@ -49,7 +49,7 @@ def test_the_truth_is_found_from_held_readings(record, tmp_path):
 
 def test_a_speed_that_is_held_for_longer_or_at_other_times_is_left_out(record, tmp_path):
     columns = held(table(record), 20, ["theta_dot"])
-    log = read(write(tmp_path / "longer.csv", columns))
+    log = read(write(tmp_path / "longer.csv", columns), thin=False)
     assert log[0].theta_dot is None and len(log[0]) == len(record)
     assert any("theta_dot is held for 20 rows each, longer than theta" in note for note in log.notes)
     columns = held(held(table(record), 10, ["theta"]), 10, ["theta_dot"], first=5)

@@ -1,6 +1,7 @@
 """Model: one physics for three back ends, names of parameters, order of the input path, broadcasting."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -203,3 +204,10 @@ def test_effects_come_and_go():
 def test_bad_input_is_refused_with_what_was_expected(make, message):
     with pytest.raises(InvalidInput, match=message):
         make()
+
+
+def test_a_model_steps_finely_if_nothing_else_is_asked_for():
+    for dt, substeps in ((0.002, 2), (0.02, 2), (0.05, 2), (0.088, 4), (1.0, 40), (1000.0, 200)):
+        assert Model(RodPendulum(), dt=dt).integrator == RK4(substeps=substeps)
+    coarse = Model(RodPendulum(), integrator=RK4(substeps=1), dt=1.0)
+    assert coarse.integrator == RK4(substeps=1) == replace(coarse, dt=2.0).integrator

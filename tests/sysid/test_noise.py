@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -277,3 +278,14 @@ def test_real_logs_show_their_encoders(path):
         assert noise.sensor.theta_dot is None and any("was computed from the readings" in n for n in noise.notes)
     else:
         assert 0.005 < noise.sensor.theta_dot < 0.15
+
+
+def test_a_thinned_record_is_as_noisy_as_its_readings_were():
+    """Of every tenth reading alone the noise is known less well; parts and other names change nothing."""
+    rng, t = np.random.default_rng(0), 0.001 * np.arange(20_001)
+    whole = Record(t, np.zeros(20_000), 3.0 + np.sin(5.0 * t) + 0.01 * rng.standard_normal(20_001))
+    thinned = whole.thinned(10)
+    found = sensor_noise([thinned.part(0, 700, "first"), thinned.part(700, 2000, "rest")])
+    assert found.sensor == sensor_noise([whole]).sensor and found.error == sensor_noise([whole]).error
+    alone = sensor_noise([replace(thinned, whole=None)])
+    assert alone.error["theta"] > 2.0 * found.error["theta"]

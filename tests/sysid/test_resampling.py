@@ -92,7 +92,7 @@ def test_a_step_that_is_no_gap_at_the_rate_of_the_slowest_rollout_cuts_nothing(t
     fast, slow = np.delete(t, [k + j for k in range(100, 2000, 100) for j in range(4)]), t[::3]
     for name, own in (("fast", fast), ("slow", slow)):
         write(tmp_path / f"{name}.csv", {"t": own, "theta": np.sin(2.0 * own), "torque": np.zeros(len(own))})
-    log = read([tmp_path / "fast.csv", tmp_path / "slow.csv"])
+    log = read([tmp_path / "fast.csv", tmp_path / "slow.csv"], thin=False)
     assert log.dt == pytest.approx(0.006) and len(log) == 2 and not any("gap" in note for note in log.notes)
 
 

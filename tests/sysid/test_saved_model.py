@@ -182,6 +182,15 @@ def test_what_has_no_name_of_ours_is_not_saved():
         to_dict(sysid.Model(sysid.RodPendulum(m=np.array([1.0, 2.0]))))
 
 
+def test_only_a_model_or_an_estimate_is_saved(tmp_path):
+    class Answer:
+        estimate = model = paper_model()
+
+    with pytest.raises(sysid.InvalidInput, match="a Answer, whose `estimate` is one: expected a Model or an Estimate"):
+        sysid.save(Answer(), tmp_path / "model.json")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_schema_is_the_documented_one():
     data = good()
     assert list(data) == ["schema", "plant", "effects", "integrator", "dt", "u_max", "free", "estimate"]
