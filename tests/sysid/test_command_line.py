@@ -63,7 +63,8 @@ def test_python_answers_as_the_command_does(tmp_path, capsys):
     table = np.column_stack([t, read])
     np.savetxt(tmp_path / "swing.csv", table, "%.8g", ",", header="t,theta", comments="")
     answer = str(tmp_path / "answer.json")
-    assert main(["diagnose", str(tmp_path / "swing.csv"), *"--plant joint --zero hanging --json".split(), answer]) == 0
+    options = ("--plant", "joint", "--zero", "hanging", "--json", answer)
+    assert main(["diagnose", str(tmp_path / "swing.csv"), *options]) == 0
     told = json.loads(Path(answer).read_text())
     log = sysid.read(tmp_path / "swing.csv", zero="hanging")
     assert log.dt == pytest.approx(0.02) and log[0].whole.dt == pytest.approx(0.002)
