@@ -35,7 +35,7 @@ class Integrator(ABC):
     def __post_init__(self) -> None:
         whole = isinstance(self.substeps, int | float) and not isinstance(self.substeps, bool)
         if not whole or not 1 <= self.substeps < math.inf or self.substeps != int(self.substeps):
-            raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
+            raise InvalidInput(f"substeps = {self.substeps!r}: expected a whole number >= 1")
         check_size("substeps =", self.substeps, SUBSTEPS)
         object.__setattr__(self, "substeps", int(self.substeps))
 
