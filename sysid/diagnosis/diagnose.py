@@ -24,7 +24,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Search
 from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSettings
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind, items_of
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
@@ -110,6 +110,8 @@ def diagnose(
     names = tuple(parameters)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
+    model.check_names(names if parameters is None else parameters)
+    check_kind("settings", settings, SearchSettings, "SearchSettings of sysid.diagnosis.search_settings")
     chosen = None if effects is None else _known(effects)
     sensor = sensor or sensor_noise(records).sensor
     fitted, held_out = split(records, hold_out)
@@ -192,9 +194,9 @@ def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Re
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
-    names = (effects,) if isinstance(effects, str) else tuple(effects)
+    names = items_of(effects)
     for name in names:
-        if name not in CATALOGUE:
+        if not isinstance(name, str) or name not in CATALOGUE:
             effect(name)  # raises, and says which names are near
     if not names:
         raise InvalidInput("no effects were named: leave them out to try the whole catalogue")
