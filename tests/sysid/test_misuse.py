@@ -15,6 +15,7 @@ from sysid import (
     LeastSquares,
     Model,
     Record,
+    SemiImplicitEuler,
     Sensor,
     UnscentedKalman,
     add,
@@ -25,6 +26,7 @@ from sysid import (
     fit,
     load,
     load_effects,
+    plot_comparison,
     read,
     residual_torque,
     save,
@@ -94,11 +96,14 @@ MISUSES = {
     "model: class as effects": (lambda: Model(PLANT, Coulomb), "effects holds <class .*Coulomb'>: expected effects"),
     "model: name as effects": (lambda: Model(PLANT, "coulomb"), "effects holds 'coulomb': expected effects"),
     "substeps as text": (lambda: RK4(substeps="2"), "substeps = '2': expected a whole number"),
+    "fastest as text": (lambda: SemiImplicitEuler(theta_dot_max="8"), "theta_dot_max = '8': expected a positive"),
     # effects
     "diagnose: classes": (lambda: diagnose(JOINT, [RECORD], effects=[Coulomb]), "expected its name, one of viscous"),
     "diagnose: an effect": (lambda: diagnose(JOINT, [RECORD], effects=Coulomb()), "expected its name, one of viscous"),
     "add: an effect": (lambda: add(JOINT, Coulomb(), [RECORD]), r"effect Coulomb\(.*\): expected its name, one of"),
     "add: a list": (lambda: add(JOINT, ["coulomb"], [RECORD]), r"effect \['coulomb'\]: expected its name, one of"),
+    "diagnose: an actuator": (lambda: diagnose(JOINT, [RECORD], effects=["dc_motor"]), "dc_motor is an actuator"),
+    "add: an actuator": (lambda: add(JOINT, "dc_motor", [RECORD]), "dc_motor is an actuator, and none is searched for"),
     "effect of None": (lambda: effect(None), "effect None: expected its name, one of"),
     # records
     "fit: DataFrame as records": (lambda: fit(JOINT, FRAME), f"records holds 't': {RECORDS}, as read makes"),
@@ -134,6 +139,7 @@ MISUSES = {
     # the rest
     "settings in a dict": (lambda: diagnose(JOINT, [RECORD], settings={"steps": 1}), "settings is .*: expected Search"),
     "settings that are None": (lambda: diagnose(JOINT, [RECORD], settings=None), "settings is None: expected Search"),
+    "picture of an estimate": (lambda: plot_comparison(FITTED), "answer is an Estimate: expected a Comparison"),
     "interval in percent": (lambda: FITTED.interval(95), "level = 95: expected a probability between 0 and 1"),
     "load: None": (lambda: load(None), "path is None: expected the name of a file"),
     "load effects: None": (lambda: load_effects(None), "path is None: expected the name of a file"),
