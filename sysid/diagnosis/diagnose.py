@@ -14,7 +14,7 @@ import numpy as np
 from sysid.data.logs import notes_of
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
@@ -112,6 +112,8 @@ def diagnose(
         sensor, model = sensor or model.sensor, model.model
     model.check_names(names if parameters is None else parameters)
     check_kind("settings", settings, SearchSettings, "SearchSettings of sysid.diagnosis.search_settings")
+    if sensor is not None:
+        check_sensor(sensor)
     chosen = None if effects is None else _known(effects)
     sensor = sensor or sensor_noise(records).sensor
     fitted, held_out = split(records, hold_out)
