@@ -1,12 +1,18 @@
-"""The one exception that means "the input is wrong, and here is what to do", and how foreign text is shown."""
+"""The one exception that means "the input is wrong, and here is what to do", how foreign text is shown in it, and the
+checks that raise it wherever something else was given than expected."""
 
 from __future__ import annotations
 
 import unicodedata
-from typing import Any
+from collections.abc import Iterable
+from numbers import Real
+from types import UnionType
+from typing import Any, TypeGuard
 
 LONGEST = 200
 """Characters that are shown of a text out of a file."""
+SHORT = 80
+"""Characters, at most, of a value that is shown as it is; of a longer one only the type is named."""
 
 
 class InvalidInput(ValueError):
@@ -36,3 +42,25 @@ def excerpt(value: Any) -> str:
     """A value out of a file as `repr` writes it, cut after 200 characters."""
     text = repr(value[: LONGEST + 1] if isinstance(value, str) else value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
+
+
+def described(value: object) -> str:
+    """A value that a user gave, in a few words: as `repr` writes it or, where that is long, its type."""
+    text, kind = excerpt(value), type(value).__name__
+    return text if len(text) <= SHORT and "\n" not in text else f"a{'n' * (kind[0] in 'AEIOUaeiou')} {kind}"
+
+
+def check_kind(what: str, given: object, kind: type | UnionType, expected: str) -> None:
+    """Raise InvalidInput where an argument is not of its kind. what: its name; expected: what to give, in words."""
+    if not isinstance(given, kind):
+        raise InvalidInput(f"{what} is {described(given)}: expected {expected}")
+
+
+def items_of(given: Any) -> tuple[Any, ...]:
+    """The items of an argument that may also be a single one: a text, and what holds nothing, is one item."""
+    return tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
+
+
+def is_real(value: object) -> TypeGuard[float]:
+    """Whether a value is a number, and no text, truth value or None."""
+    return isinstance(value, Real) and not isinstance(value, bool)

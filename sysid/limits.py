@@ -10,6 +10,8 @@ RAW_ROWS = 20_000_000
 """Rows that are read where a sample interval is asked for, and numbers of an array in a file."""
 SHORTEST_INTERVAL = 1e-6
 """The shortest sample interval of a log [s]."""
+LONGEST_INTERVAL = 2.0
+"""The longest sample interval of a record [s]: in windows of a second, the least that is judged, it is none."""
 LOG_SUBSTEPS = 200
 """Steps of the integrator in a sample interval of a log."""
 SUBSTEPS = 10_000

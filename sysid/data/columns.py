@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.checks import rate_mismatch
 from sysid.data.log_files import Source
 from sysid.data.table import Table, TimeWindow, cropped
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind
 from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
 
@@ -54,6 +54,7 @@ def wanted_columns(columns: str | Mapping[str, str] | None, command: Command = "
     """{our name: the file's name} that the user asked for; the command may go by its kind, such as "current"."""
     if columns is None:
         return {}
+    check_kind("columns", columns, str | Mapping, "name=column pairs, as in t=time_s,theta=angle_rad, or a mapping")
     pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
     wanted = {"torque" if ours in (command, *ALSO_TORQUE) else ours: theirs for ours, theirs in pairs}
     for ours in wanted:

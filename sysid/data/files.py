@@ -12,10 +12,11 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path
 from typing import IO
 
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind
 
 FIGURES = (".png", ".pdf", ".svg")
 MARKS, PLANNED = (b"gapfinder", b"residual_torque"), (b"t,torque", b"rollout,t,torque")
@@ -35,6 +36,12 @@ def named(path: Path, doing: str) -> Iterator[None]:
         raise InvalidInput(f"cannot {doing} {path}: {error.strerror or error}") from None
     except (ValueError, RuntimeError):  # a NUL or half a character; before Python 3.13, links in a circle
         raise InvalidInput(f"cannot {doing} {str(path)!r}: expected the name of a file") from None
+
+
+def path_of(path: str | PathLike[str]) -> Path:
+    """The path that a user gave. Raises InvalidInput for what is none."""
+    check_kind("path", path, str | PathLike, "the name of a file")
+    return Path(path)
 
 
 def full_path(path: Path, doing: str) -> Path:
@@ -108,11 +115,12 @@ def partial(path: Path) -> Path:
     return path.with_name(path.name + ".partial")
 
 
-def save_file(path: Path | str, content: bytes | str) -> None:
+def save_file(path: str | PathLike[str], content: bytes | str) -> None:
     """Write a file that a user asked for; where that fails it raises InvalidInput, in a sentence, and not OSError."""
-    check_outputs((), [Path(path)], force=True)
-    with named(Path(path), "write"):
-        write_whole(Path(path), content)
+    path = path_of(path)
+    check_outputs((), [path], force=True)
+    with named(path, "write"):
+        write_whole(path, content)
 
 
 def save_csv(path: Path | str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

@@ -16,7 +16,7 @@ from sysid.data import foreign_files, guarded, text_files
 from sysid.data.bag import MCAP
 from sysid.data.files import check_input, check_installed, full_path, named
 from sysid.data.table import Table, column, rows_of, seconds
-from sysid.errors import InvalidInput, printable
+from sysid.errors import InvalidInput, check_kind, printable
 
 BEGINS = {
     b"PK\3\4": "npz",
@@ -53,9 +53,12 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
 
     Raises InvalidInput for a file that cannot be read or is given twice, and if a joint is asked for of what is no bag.
     """
-    logs = [log for one in given for log in ([one] if _is_frame(one) or isinstance(one, str | PathLike) else one)]
+    logs = [log for one in given for log in (one if _is_several(one) else [one])]
     if not logs:
         raise InvalidInput("no log was given: expected one or more files, or DataFrames")
+    for log in logs:
+        if not _is_frame(log):
+            check_kind("a log", log, str | PathLike, "a path or a DataFrame, as pandas makes one of arrays")
     paths = [full_path(Path(log), "read") for log in logs if not _is_frame(log)]
     for path in paths:
         if paths.count(path) > 1:
@@ -72,6 +75,10 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
             title = f"{path.parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
             found.append(_file(path, title, joint))
     return found
+
+
+def _is_several(log: Any) -> bool:
+    return isinstance(log, Iterable) and not (_is_frame(log) or isinstance(log, str | PathLike))
 
 
 def _is_frame(log: Any) -> bool:

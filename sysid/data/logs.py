@@ -16,7 +16,7 @@ from sysid.data.free_part import free_part
 from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind, is_real
 from sysid.limits import LOG_ROWS, RAW_ROWS
 from sysid.physics.plants import Plant
 
@@ -167,6 +167,9 @@ def read(
         In one sentence, for anything that cannot be a log of a joint.
     """
     hanging = _hanging(zero, degrees)
+    check_kind("plant", plant, Plant | None, "a plant, such as RodPendulum()")
+    for name, said_so in (("flip_torque", flip_torque), ("degrees", degrees), ("thin", thin)):
+        _check_choice(name, said_so, (True, False))
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
     sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns, command), _window(begin, end, dt)
@@ -202,17 +205,20 @@ def _hanging(zero: str | float, degrees: bool) -> float:
     """The file's angle [rad] where the joint hangs; raises InvalidInput for what is no `zero`."""
     if zero in ("upright", "hanging"):
         return 0.0 if zero == "hanging" else math.pi
-    if isinstance(zero, str | bool) or not math.isfinite(zero):
+    if not (is_real(zero) and math.isfinite(zero)):
         raise InvalidInput(f"zero = {zero!r}: expected upright, hanging, or the log's angle where the joint hangs")
     return math.radians(zero) if degrees else float(zero)
 
 
-def _check_choice(name: str, value: str, choices: Sequence[str]) -> None:
+def _check_choice(name: str, value: object, choices: Sequence[object]) -> None:
     if value not in choices:
-        raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(choices)}")
+        raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(map(str, choices))}")
 
 
 def _window(begin: float | None, end: float | None, dt: float | None) -> TimeWindow:
+    for name, value in (("begin", begin), ("end", end), ("dt", dt)):
+        if value is not None and not is_real(value):
+            raise InvalidInput(f"{name} = {value!r}: expected a number of seconds")
     low, high = -math.inf if begin is None else begin, math.inf if end is None else end
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")

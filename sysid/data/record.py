@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from sysid.data.files import save_csv
 from sysid.data.jitter import speed_about
-from sysid.errors import InvalidInput
-from sysid.physics.model import Model
+from sysid.errors import InvalidInput, check_kind, described, items_of
+from sysid.limits import LONGEST_INTERVAL, check_size
+from sysid.physics.model import Model, check_model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
@@ -205,17 +206,28 @@ def without_whole_turns(theta: Array) -> Array:
     return np.unwrap(theta) if wrapped else theta.copy()
 
 
+def rollouts(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return the records as a tuple. Raises InvalidInput where there are none, and for what is no Record."""
+    given = items_of(records)
+    if not given:
+        raise InvalidInput("no records were given: expected at least one")
+    for record in given:
+        if not isinstance(record, Record):
+            came = f"records holds {described(record)}"
+            raise InvalidInput(f"{came}: expected Record objects, as read makes them of files and DataFrames")
+    return given
+
+
 def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
     """Return the records as a tuple if they fit the model: at least one, sampled at its dt, commands within its limit.
 
     Raises InvalidInput with the record's name, what came and what was expected.
     """
-    given = tuple(records) if isinstance(records, Iterable) else (records,)
-    if not given:
-        raise InvalidInput("no records were given: expected at least one")
+    check_model(model)
+    given = rollouts(records)
     for record in given:
-        if not isinstance(record, Record):
-            raise InvalidInput(f"records holds {record!r}: expected Record objects, as read and measure make them")
+        ask = "or are its times in milliseconds?"
+        check_size(f"{record.name} has a sample interval [s] of", record.dt, LONGEST_INTERVAL, ask)
         if abs(record.dt - model.dt) * len(record) > 0.02 * model.dt:  # off by a fiftieth of an interval at its end
             raise InvalidInput(
                 f"{record.name} is sampled every {record.dt:.7g} s, the model steps every {model.dt:.7g} s: expected a "
@@ -268,6 +280,7 @@ def write_csv(record: Record, path: str | Path) -> None:
     InvalidInput
         For a file that cannot be written, and a record that has the start angle alone.
     """
+    check_kind("record", record, Record, "a Record, such as records[0]")
     if record.theta is not None and not record.has_angles:
         raise InvalidInput(f"{record.name} has the start angle alone: expected the angle of every instant, or of none")
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sysid.data.jitter import speed_about
 from sysid.data.record import Record
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind, is_real
 from sysid.physics.ops import Array
 from sysid.physics.simulate import Trajectory
 
@@ -54,10 +54,10 @@ class Sensor:
     def __post_init__(self) -> None:
         for name in UNITS:
             sd = getattr(self, name)
-            if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
-                raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
-        if not (self.jitter >= 0.0 and math.isfinite(self.jitter)):
-            raise InvalidInput(f"the sensor's jitter is {self.jitter} s: expected zero or more")
+            if sd is not None and not (is_real(sd) and sd > 0.0 and math.isfinite(sd)):
+                raise InvalidInput(f"sensor sd of {name} is {sd!r}: expected a positive number, or None (not measured)")
+        if not (is_real(self.jitter) and self.jitter >= 0.0 and math.isfinite(self.jitter)):
+            raise InvalidInput(f"the sensor's jitter is {self.jitter!r} s: expected zero or more")
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
 
@@ -90,3 +90,8 @@ class Sensor:
                 sds = np.hypot(sds, self.jitter * speed_about(value, record.dt))
             found.append(Readings(channel, np.arange(len(value)), value, sds))
         return found
+
+
+def check_sensor(sensor: Sensor) -> None:
+    """Raise InvalidInput for what is no Sensor, such as a number or all of the noise that `sensor_noise` finds."""
+    check_kind("sensor", sensor, Sensor, "a Sensor, such as Sensor(theta=0.003) or sensor_noise(records).sensor")

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Record
-from sysid.errors import InvalidInput
+from sysid.data.record import Record, rollouts
+from sysid.errors import InvalidInput, is_real
 from sysid.physics.ops import Array
 
 MOST_STRETCHES = 3
@@ -55,10 +55,10 @@ def split(
     InvalidInput
         Where nothing would be left on one side.
     """
-    share = 0.25 if hold_out is None else float(hold_out)
-    whole = hold_out is not None and share >= 1.0
-    if not 0.0 < share < math.inf or (whole and share != int(share)):
-        raise InvalidInput(f"hold_out = {hold_out}: expected a share between 0 and 1, or a number of rollouts")
+    records, share = rollouts(records), 0.25 if hold_out is None else hold_out
+    if not (is_real(share) and 0.0 < share < math.inf) or (share >= 1.0 and share != int(share)):
+        raise InvalidInput(f"hold_out = {hold_out!r}: expected a share between 0 and 1, or a number of rollouts")
+    whole = share >= 1.0
     if whole and share >= len(records):
         raise InvalidInput(
             f"hold_out = {int(share)} of {len(records)} rollouts leaves none to fit: expected fewer, or a share"

@@ -11,7 +11,7 @@ from types import ModuleType
 import casadi
 import numpy as np
 
-from sysid.data.files import read_file
+from sysid.data.files import path_of, read_file
 from sysid.errors import LONGEST, InvalidInput
 from sysid.physics.candidates import alternatives
 from sysid.physics.effects import CATALOGUE, Effect
@@ -47,7 +47,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
         In one sentence, where the file cannot be run, registers nothing, or holds an effect that raises, gives no
         finite number, differs between arrays and symbols, changes the motion at its neutral value or has none.
     """
-    path = Path(path)
+    path = path_of(path)
     read_file(path, "a Python file with effects")
     before = dict(CATALOGUE)
     module = f"{__name__}:{path.resolve()}"

@@ -93,6 +93,7 @@ def add(
     InvalidInput
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
+    effect(name)  # raises where it is no effect's name
     records = check_records(model.model if isinstance(model, Estimate) else model, records)
     names = free(model, records)
     if isinstance(model, Estimate):

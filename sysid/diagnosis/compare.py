@@ -194,11 +194,11 @@ def compare(
     InvalidInput
         For records that do not fit the model or lack a channel that the sensor measures.
     """
-    names = tuple(parameters or (model.names if isinstance(model, Estimate) else ()))
     if isinstance(model, Estimate):
-        sensor, model = sensor or model.sensor, model.model
+        sensor, parameters, model = sensor or model.sensor, parameters or model.names, model.model
     notes = notes_of(records)
-    records = check_records(model, records)
+    records, names = check_records(model, records), parameters or ()
+    model.check_names(names)
     return _compared(model, records, sensor or found_sensor(model, records), names, notes)
 
 

@@ -15,7 +15,7 @@ from sysid.data.checks import check_excitation
 from sysid.data.logs import notes_of
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
@@ -25,7 +25,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Search
 from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSettings
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind, items_of
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
@@ -106,9 +106,14 @@ def diagnose(
     began = time.perf_counter()
     notes = notes_of(records)
     records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
-    names = free(model, records) if parameters is None else tuple(parameters)
+    parameters = free(model, records) if parameters is None else parameters
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
+    model.check_names(parameters)
+    names = tuple(parameters)
+    check_kind("settings", settings, SearchSettings, "SearchSettings, such as SearchSettings(tolerance=0.05)")
+    if sensor is not None:
+        check_sensor(sensor)
     chosen = None if effects is None else _known(effects)
     sensor = sensor or sensor_noise(records).sensor
     check_excitation(records, sensor)
@@ -192,9 +197,9 @@ def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Re
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
-    names = (effects,) if isinstance(effects, str) else tuple(effects)
+    names = items_of(effects)
     for name in names:
-        if name not in CATALOGUE:
+        if not isinstance(name, str) or name not in CATALOGUE:
             effect(name)  # raises, and says which names are near
     if not names:
         raise InvalidInput("no effects were named: leave them out to try the whole catalogue")

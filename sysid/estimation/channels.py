@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 
@@ -35,6 +35,7 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     first-order filter with white errors (it was rounded, or sent, behind the filter): a model can have that effect.
     Where the model has an effect of a sensor, the speed always stays.
     """
+    check_sensor(sensor)
     if sensor.theta is None or sensor.theta_dot is None or model.output_effects:
         return sensor
     count = max(COMPARED_OVER / records[0].dt, 1.0)

@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.data.json_file import told
 from sysid.data.sensor import UNITS, Sensor
+from sysid.errors import InvalidInput, is_real
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -79,6 +80,8 @@ class Estimate:
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Symmetric confidence intervals, which cover the truth with probability `level` if the model is right."""
+        if not (is_real(level) and 0.0 < level < 1.0):
+            raise InvalidInput(f"level = {level!r}: expected a probability between 0 and 1, such as 0.95")
         z = NormalDist().inv_cdf(0.5 + 0.5 * level)
         return {k: (v - z * self.sd[k], v + z * self.sd[k]) for k, v in self.values.items()}
 

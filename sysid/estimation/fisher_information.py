@@ -13,7 +13,7 @@ from sysid.estimation.disturbances import NONE
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
-from sysid.physics.model import Model
+from sysid.physics.model import Model, check_model
 from sysid.physics.ops import Array
 
 
@@ -50,6 +50,7 @@ def fisher_information(
     InvalidInput
         For an unknown parameter, and for starts of another shape.
     """
+    check_model(model)
     model.check_names(names)
     check_direct(model, "fisher_information")
     samples = Samples(model, records, sensor)

@@ -18,7 +18,7 @@ from sysid.estimation.refits import extended
 from sysid.estimation.scores import score
 from sysid.estimation.solver import fit_parameters as prediction_error
 from sysid.physics.candidates import alternatives
-from sysid.physics.model import Model
+from sysid.physics.model import Model, check_model
 from sysid.physics.parameters import Parameter
 
 
@@ -40,13 +40,10 @@ def without_scale(model: Model, names: Sequence[str], records: Sequence[Record])
 
 def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
     """The parameters to fit, checked: at least one, known to the model, none twice. Raises InvalidInput."""
-    if isinstance(names, str):
-        raise InvalidInput(f"parameters = {names!r}: expected a list of names, such as [{names!r}]")
+    check_model(model)
+    model.check_names(names)
     if len(names) == 0:
         raise InvalidInput(f"no parameters to fit: choose among {', '.join(model.parameters)}")
-    if len(set(names)) < len(names):
-        raise InvalidInput(f"a parameter is named twice in {', '.join(names)}")
-    model.check_names(names)
     known = model.parameters
     return [known[n] for n in names]
 
@@ -84,6 +81,7 @@ def fit(
         For unusable records and unknown names.
     """
     records = check_records(model, records)
+    model.check_names(() if parameters is None else parameters)
     sensor = sensor or found_sensor(model, records)
     names = free(model, records) if parameters is None else tuple(parameters)
     if not names:

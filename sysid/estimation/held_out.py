@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.json_file import told
 from sysid.data.record import Record, check_records
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
@@ -127,6 +127,7 @@ def refit_windows(
     - Short windows begin at the states of windows of 1 s if the angle is not read, since a short one does not tell it.
     - So do windows with a lead: the windows of 1 s are scored from their first instant on.
     """
+    check_sensor(sensor)
     length = round(HEAD / model.dt)
     longest = max(w.count - w.lead for w in windows)
     blind = 2 * longest <= length and (sensor.theta is None or not all(r.has_angles for r in records))

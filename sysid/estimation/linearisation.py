@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records, extent_of
 from sysid.data.rests import readings_at_rest_merged
-from sysid.data.sensor import Readings, Sensor
+from sysid.data.sensor import Readings, Sensor, check_sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.torque_regression import slow_speed
@@ -42,6 +42,7 @@ class Samples:
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
         self.records, self.sensor, self.dt = check_records(model, records), sensor, model.dt
+        check_sensor(sensor)
         self._extent = extent_of(self.records, model.plant.turns)
         counts = np.array([len(r) + 1 for r in self.records])
         self.first = np.concatenate([[0], np.cumsum(counts)])

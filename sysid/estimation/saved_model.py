@@ -21,12 +21,11 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from sysid.data.files import save_file
+from sysid.data.files import path_of, save_file
 from sysid.data.json_file import count, entry, mapping, number_in, plain, read_json, sequence, text
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, excerpt
@@ -81,7 +80,7 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
     InvalidInput
         Where the file cannot be written, and for a plant or an integrator that is not one of sysid's.
     """
-    save_file(Path(path), json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
+    save_file(path, json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
 
 
 def load(path: str | PathLike[str]) -> SavedModel:
@@ -102,7 +101,7 @@ def load(path: str | PathLike[str]) -> SavedModel:
     InvalidInput
         In one sentence, for anything that is not a model of this version.
     """
-    path = Path(path)
+    path = path_of(path)
     data = read_json(path, "a model.json as `save` writes it")
     try:
         return from_dict(data)

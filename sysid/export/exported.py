@@ -41,7 +41,7 @@ class Exported:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the file. Raises InvalidInput where it cannot be written."""
-        save_file(Path(path), self.text)
+        save_file(path, self.text)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""

@@ -15,7 +15,7 @@ from sysid.physics.effects.disturbance import TorqueBias
 from sysid.physics.effects.effect import Effect
 from sysid.physics.effects.friction import Coulomb, Viscous
 from sysid.physics.effects.load import RotorInertia, Spring, Tilt
-from sysid.physics.model import Model
+from sysid.physics.model import Model, check_model
 from sysid.physics.parameters import NEVER
 from sysid.physics.plants import GRAVITY, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
@@ -112,6 +112,7 @@ TERMS: dict[type[Effect], Callable[[Any, Mechanism], dict[str, float]]] = {
 
 def mechanism(model: Model) -> Mechanism:
     """The mechanism of a model of one machine. Raises InvalidInput for one whose numbers are arrays."""
+    check_model(model)
     found = Mechanism(model.plant.turns, body(model.plant), model.u_max, model.plant.rest)
     others = tuple(e for e in model.effects if e not in model.input_effects)
     for effect in (*model.input_effects, *others):

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+from sysid.data.files import path_of
 from sysid.errors import InvalidInput, excerpt
 from sysid.export.exported import Exported, attribute_numbers, parsed_xml, text_of, unsaid_effects
 from sysid.export.mechanism import TERMS, Mechanism, mechanism
@@ -61,7 +62,7 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
         text = text_of(_document(own, joint, step))
         said += unsaid_effects(model, TERMS, "MJCF")
     else:
-        text, step, said = _changed(own, joint, Path(into))
+        text, step, said = _changed(own, joint, path_of(into))
         said += unsaid_effects(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
     if own.friction:
         said.append(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from io import BytesIO
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +52,7 @@ def write_predictions(model: Model, records: Sequence[Record], sensor: Sensor, p
     columns = predictions(model, records, sensor)
     content = BytesIO()
     parquet.write_table(pyarrow.table({k: pyarrow.array(v, from_pandas=True) for k, v in columns.items()}), content)
-    save_file(Path(path), content.getvalue())
+    save_file(path, content.getvalue())
 
 
 def predictions(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, Array]:

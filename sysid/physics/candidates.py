@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.physics.effects import CATALOGUE, Effect
+from sysid.errors import InvalidInput
+from sysid.physics.effects import ACTUATORS, CATALOGUE, Effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent, Parameter
 
@@ -89,6 +90,8 @@ def candidates(
     excluded = {name for e in model.effects for name in e.excludes}
     found = {}
     for name in CATALOGUE if names is None else names:
+        if name in ACTUATORS:
+            raise InvalidInput(f"{name} is an actuator, and none is searched for: expected it in the model")
         kind = CATALOGUE[name]
         if name in present or name in excluded or present & set(kind.excludes):
             continue

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, is_real
 from sysid.limits import SUBSTEPS, check_size
 from sysid.physics import ops
 from sysid.physics.ops import Value
@@ -35,7 +35,7 @@ class Integrator(ABC):
     def __post_init__(self) -> None:
         whole = isinstance(self.substeps, int | float) and not isinstance(self.substeps, bool)
         if not whole or not 1 <= self.substeps < math.inf or self.substeps != int(self.substeps):
-            raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
+            raise InvalidInput(f"substeps = {self.substeps!r}: expected a whole number >= 1")
         check_size("substeps =", self.substeps, SUBSTEPS)
         object.__setattr__(self, "substeps", int(self.substeps))
 
@@ -119,8 +119,8 @@ class SemiImplicitEuler(Integrator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.theta_dot_max > 0.0:
-            raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
+        if not (is_real(self.theta_dot_max) and self.theta_dot_max > 0.0):
+            raise InvalidInput(f"theta_dot_max = {self.theta_dot_max!r}: expected a positive speed [rad/s]")
 
     def substep(
         self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, check_kind, is_real, items_of
 from sysid.limits import LOG_SUBSTEPS
 from sysid.physics.effects.effect import (
     Actuator,
@@ -86,21 +86,21 @@ class Model:
     u_max: float = math.inf
 
     def __post_init__(self) -> None:
+        if not (is_real(self.dt) and math.isfinite(self.dt)):
+            raise InvalidInput(f"dt = {self.dt!r}: expected a positive number of seconds")
+        for name in ("dt", "u_max"):
+            value = getattr(self, name)
+            if not (is_real(value) and value > 0.0):
+                raise InvalidInput(f"{name} = {value!r}: expected a positive number")
         if not isinstance(self.plant, Plant):
             raise InvalidInput(f"plant is {self.plant!r}: expected a plant, such as RodPendulum()")
         object.__setattr__(self, "integrator", self.integrator or _integrator_of(self.dt))
         if not isinstance(self.integrator, Integrator):
             raise InvalidInput(f"integrator is {self.integrator!r}: expected one, such as RK4(substeps=2)")
-        given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)
-        object.__setattr__(self, "effects", given)
+        object.__setattr__(self, "effects", items_of(self.effects))
         for e in self.effects:
             if not isinstance(e, InputEffect | Actuator | JointEffect | DryFriction | DynamicEffect | OutputEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
-        if not math.isfinite(self.dt):
-            raise InvalidInput(f"dt = {self.dt}: expected a positive number of seconds")
-        for name in ("dt", "u_max"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
         names = [e.name for e in self.effects]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
@@ -180,12 +180,16 @@ class Model:
         """The full names of an effect's parameters; "" has those of the plant."""
         return tuple(name for name, p in self.parameters.items() if p.owner == owner)
 
-    def check_names(self, names: Iterable[str]) -> None:
-        """Raise InvalidInput for a name that is no parameter of this model."""
+    def check_names(self, names: Collection[str]) -> None:
+        """Raise InvalidInput for a name that is no parameter of this model or comes twice, and for what is no list."""
         known = self.parameters
+        if isinstance(names, str) or not isinstance(names, Collection):
+            raise InvalidInput(f"parameters = {names!r}: expected a list of names, such as {list(known)[:1]}")
         for name in names:
-            if name not in known:
+            if not isinstance(name, str) or name not in known:
                 raise InvalidInput(f"unknown parameter {name!r}: this model has {', '.join(known)}")
+        if len(set(names)) < len(names):
+            raise InvalidInput(f"a parameter is named twice in {', '.join(names)}")
 
     def with_parameters(self, values: Mapping[str, Value]) -> Model:
         """The same model holding other numbers: floats, arrays, CasADi symbols or torch tensors."""
@@ -396,3 +400,9 @@ class Model:
         drives, memory = self.drive(u, state.memory[:inputs])
         theta, theta_dot, inner = self.move_with_inner(state.theta, state.theta_dot, state.memory[inputs:], drives, t)
         return State(theta, theta_dot, (*memory, *inner))
+
+
+def check_model(model: Model) -> None:
+    """Raise InvalidInput for what is no Model, such as a plant, a path or the estimate of a model."""
+    some = "estimate.model, load_model(path) or Model(RodPendulum(), dt=records.dt)"
+    check_kind("model", model, Model, f"a Model, such as {some}")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.errors import InvalidInput
-from sysid.physics.model import Model
+from sysid.physics.model import Model, check_model
 from sysid.physics.ops import Array, Value
 
 
@@ -59,6 +59,7 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
         For an empty u, for numbers that are not finite, for |u| beyond the model's limit and for shapes that do not
         broadcast.
     """
+    check_model(model)
     try:
         u, theta, theta_dot = (np.asarray(a, dtype=float) for a in (u, theta, theta_dot))
     except (TypeError, ValueError):

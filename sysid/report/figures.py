@@ -21,6 +21,7 @@ from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, quantity
 from sysid.diagnosis.predictions import Prediction
 from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
+from sysid.errors import check_kind
 from sysid.estimation.likelihood import SIGMA_99
 from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
@@ -54,6 +55,7 @@ def plot_comparison(answer: Comparison) -> Figure:
     matplotlib.figure.Figure
         Errors by horizon, the torque beyond the model over everything, whiteness, and the worst windows.
     """
+    check_kind("answer", answer, Comparison, "a Comparison, as compare returns it")
     channels, torque = list(answer.one_second.ratios), answer.torque
     with style.styled(14.0, 8.1 + 2.1 * len(channels)) as figure:
         title = textwrap.fill(answer.sentence, 150).replace("$", r"\$")

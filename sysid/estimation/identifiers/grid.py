@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Record, check_direct, check_records
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
@@ -41,6 +41,7 @@ class GridSearch:
         free = free_parameters(model, self.parameters)
         check_direct(model, "GridSearch")
         records = check_records(model, records)
+        check_sensor(self.sensor)
         axes = [self._axis(p.name, p.bounds) for p in free]
         if self.points ** len(axes) > 1_000_000:
             raise InvalidInput(f"{self.points}^{len(axes)} cells are too many for a grid: use LeastSquares")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from sysid.data.record import Record, check_direct, check_records
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
@@ -76,6 +76,7 @@ class UnscentedKalman:
         free = free_parameters(model, self.parameters)
         check_direct(model, "UnscentedKalman")
         records = check_records(model, records)
+        check_sensor(self.sensor)
         self._check()
         coordinates = Coordinates(free)
         passes = [_Pass(self, model, coordinates, r) for r in records]

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from types import ModuleType
 from typing import Any, TypeVar
 
-from sysid.errors import LONGEST, InvalidInput, excerpt
+from sysid.errors import LONGEST, InvalidInput, described, excerpt
 from sysid.physics.effects import actuation, actuators, disturbance, friction, load, sensing
 from sysid.physics.effects.effect import Actuator, Effect
 
@@ -75,6 +75,8 @@ def preferred() -> tuple[str, ...]:
 def kind_of(name: str) -> type[Effect]:
     """The class of the effect or actuator of that name; raises InvalidInput where it is unknown, near names first."""
     known: dict[str, type[Effect]] = {**CATALOGUE, **ACTUATORS}
+    if not isinstance(name, str):
+        raise InvalidInput(f"effect {described(name)}: expected its name, one of {', '.join(known)}")
     if name not in known:
         near = get_close_matches(name, known, n=3, cutoff=0.5)
         perhaps = f"did you mean {' or '.join(near)}? E" if near else "e"

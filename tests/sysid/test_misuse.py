@@ -1,0 +1,154 @@
+"""A misuse of the public functions ends in a sentence that says what came and what was expected."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sysid import (
+    RK4,
+    Coulomb,
+    GeneralJoint,
+    GridSearch,
+    InvalidInput,
+    LeastSquares,
+    Model,
+    Record,
+    SemiImplicitEuler,
+    Sensor,
+    UnscentedKalman,
+    add,
+    compare,
+    diagnose,
+    effect,
+    fisher_information,
+    fit,
+    load,
+    load_effects,
+    plot_comparison,
+    read,
+    residual_torque,
+    save,
+    sensor_noise,
+    simulate,
+    split,
+    to_mjcf,
+    to_urdf,
+    write_csv,
+)
+from sysid.estimation.estimate import Estimate
+
+PLANT = GeneralJoint()
+JOINT = Model(PLANT, dt=0.02)
+T = 0.02 * np.arange(301)
+RNG = np.random.default_rng(0)
+SENSOR = Sensor(theta=0.003)
+RECORD = SENSOR.measure(simulate(JOINT, np.cos(T[:-1]), math.pi, 0.0), RNG)[0]
+SLOW = Record(1000.0 * T, np.cos(T[:-1]), RECORD.theta)
+FRAME = pd.DataFrame({"t": T, "theta": RECORD.theta, "torque": np.cos(T)})
+FITTED = Estimate(JOINT, ("J",), np.eye(1), {"theta": 0.003}, True, "converged", 1.0, 301, "least squares", SENSOR)
+A_MODEL, A_SENSOR, RECORDS = "expected a Model, such as", "expected a Sensor, such as", "expected Record objects"
+LIST = "expected a list of names, such as \\['J'\\]"
+
+MISUSES = {
+    # names of parameters
+    "diagnose: unknown parameter": (lambda: diagnose(JOINT, [RECORD], parameters=["m"]), "unknown parameter 'm'.*J, G"),
+    "diagnose: a text of parameters": (lambda: diagnose(JOINT, [RECORD], parameters="J"), f"parameters = 'J': {LIST}"),
+    "diagnose: a parameter twice": (lambda: diagnose(JOINT, [RECORD], parameters=["J", "J"]), "named twice in J, J"),
+    "compare: unknown parameter": (lambda: compare(JOINT, [RECORD], parameters=["mass"]), "unknown parameter 'mass'"),
+    "compare: a text of parameters": (lambda: compare(JOINT, [RECORD], parameters="J"), LIST),
+    "fit: a text of parameters": (lambda: fit(JOINT, [RECORD], parameters="J"), LIST),
+    "fit: a number of parameters": (lambda: fit(JOINT, [RECORD], parameters=1), LIST),
+    "fit: parameters in lists": (lambda: fit(JOINT, [RECORD], parameters=[["J"]]), r"unknown parameter \['J'\]"),
+    "information about a text": (lambda: fisher_information(JOINT, "J", [RECORD], SENSOR, np.zeros((1, 2))), LIST),
+    # sensors
+    "fit: noise as sensor": (lambda: fit(JOINT, [RECORD], sensor_noise([RECORD])), f"{A_SENSOR}.*sensor_noise"),
+    "fit: tuple as sensor": (lambda: fit(JOINT, [RECORD], (0.003, 0.05)), rf"sensor is \(0.003, 0.05\): {A_SENSOR}"),
+    "fit: dict as sensor": (lambda: fit(JOINT, [RECORD], {"theta": 0.003}), A_SENSOR),
+    "diagnose: float as sensor": (lambda: diagnose(JOINT, [RECORD], 0.3), f"sensor is 0.3: {A_SENSOR}"),
+    "compare: tuple as sensor": (lambda: compare(JOINT, [RECORD], (0.003, 0.05)), A_SENSOR),
+    "compare: noise as sensor": (lambda: compare(JOINT, [RECORD], sensor_noise([RECORD])), A_SENSOR),
+    "add: float as sensor": (lambda: add(JOINT, "coulomb", [RECORD], 0.3), A_SENSOR),
+    "residual torque: float as sensor": (lambda: residual_torque(JOINT, [RECORD], 0.003), A_SENSOR),
+    "grid: float as sensor": (lambda: GridSearch(("G",), sensor=0.003).fit(JOINT, [RECORD]), A_SENSOR),
+    "filter: float as sensor": (lambda: UnscentedKalman(("J",), sensor=0.003).fit(JOINT, [RECORD]), A_SENSOR),
+    "sd as text": (lambda: Sensor("0.1"), "sensor sd of theta is '0.1': expected a positive number"),
+    "jitter as text": (lambda: Sensor(0.1, jitter="1"), "jitter is '1' s: expected zero or more"),
+    # models
+    "fit: plant as model": (lambda: fit(PLANT, [RECORD]), rf"model is GeneralJoint\(.*\): {A_MODEL}"),
+    "fit: path as model": (lambda: fit("model.json", [RECORD]), f"model is 'model.json': {A_MODEL}.*load"),
+    "fit: estimate as model": (lambda: fit(FITTED, [RECORD]), rf"model is an Estimate: {A_MODEL} estimate\.model"),
+    "diagnose: plant as model": (lambda: diagnose(PLANT, [RECORD]), A_MODEL),
+    "compare: plant as model": (lambda: compare(PLANT, [RECORD]), A_MODEL),
+    "add: plant as model": (lambda: add(PLANT, "coulomb", [RECORD]), A_MODEL),
+    "residual torque: estimate as model": (lambda: residual_torque(FITTED, [RECORD], SENSOR), A_MODEL),
+    "information: estimate as model": (lambda: fisher_information(FITTED, ["J"], [RECORD], SENSOR, None), A_MODEL),
+    "least squares: estimate as model": (lambda: LeastSquares(("J",)).fit(FITTED, [RECORD]), A_MODEL),
+    "simulate: estimate as model": (lambda: simulate(FITTED, [1.0], 0.0, 0.0), A_MODEL),
+    "simulate: plant as model": (lambda: simulate(PLANT, [1.0], 0.0, 0.0), A_MODEL),
+    "MJCF: estimate as model": (lambda: to_mjcf(FITTED), A_MODEL),
+    "URDF: plant as model": (lambda: to_urdf(PLANT), A_MODEL),
+    "model: dt that is None": (lambda: Model(PLANT, dt=None), "dt = None: expected a positive number of seconds"),
+    "model: dt as text": (lambda: Model(PLANT, dt="0.02"), "dt = '0.02': expected a positive number of seconds"),
+    "model: u_max as text": (lambda: Model(PLANT, u_max="2"), "u_max = '2': expected a positive number"),
+    "model: dt as effects": (lambda: Model(PLANT, 0.02), "effects holds 0.02: expected effects"),
+    "model: class as effects": (lambda: Model(PLANT, Coulomb), "effects holds <class .*Coulomb'>: expected effects"),
+    "model: name as effects": (lambda: Model(PLANT, "coulomb"), "effects holds 'coulomb': expected effects"),
+    "substeps as text": (lambda: RK4(substeps="2"), "substeps = '2': expected a whole number"),
+    "fastest as text": (lambda: SemiImplicitEuler(theta_dot_max="8"), "theta_dot_max = '8': expected a positive"),
+    # effects
+    "diagnose: classes": (lambda: diagnose(JOINT, [RECORD], effects=[Coulomb]), "expected its name, one of viscous"),
+    "diagnose: an effect": (lambda: diagnose(JOINT, [RECORD], effects=Coulomb()), "expected its name, one of viscous"),
+    "add: an effect": (lambda: add(JOINT, Coulomb(), [RECORD]), r"effect Coulomb\(.*\): expected its name, one of"),
+    "add: a list": (lambda: add(JOINT, ["coulomb"], [RECORD]), r"effect \['coulomb'\]: expected its name, one of"),
+    "diagnose: an actuator": (lambda: diagnose(JOINT, [RECORD], effects=["dc_motor"]), "dc_motor is an actuator"),
+    "add: an actuator": (lambda: add(JOINT, "dc_motor", [RECORD]), "dc_motor is an actuator, and none is searched for"),
+    "effect of None": (lambda: effect(None), "effect None: expected its name, one of"),
+    # records
+    "fit: DataFrame as records": (lambda: fit(JOINT, FRAME), f"records holds 't': {RECORDS}, as read makes"),
+    "fit: path as records": (lambda: fit(JOINT, "rig.csv"), f"records holds 'rig.csv': {RECORDS}, as read makes"),
+    "fit: None as records": (lambda: fit(JOINT, None), f"records holds None: {RECORDS}, as read makes"),
+    "split: nothing": (lambda: split([]), "no records were given"),
+    "split: DataFrame": (lambda: split(FRAME), RECORDS),
+    "split: share in words": (lambda: split([RECORD], "a quarter"), "hold_out = 'a quarter': expected a share between"),
+    "split: share in a list": (lambda: split([RECORD], [0.3]), r"hold_out = \[0.3\]: expected a share between"),
+    "diagnose: share in words": (lambda: diagnose(JOINT, [RECORD], hold_out="half"), "hold_out = 'half': expected a"),
+    "noise of a DataFrame": (lambda: sensor_noise(FRAME), RECORDS),
+    "noise of None": (lambda: sensor_noise(None), RECORDS),
+    "CSV of a list": (lambda: write_csv([RECORD], "rig.csv"), "record is .*: expected a Record"),
+    "compare: milliseconds": (lambda: compare(Model(PLANT, dt=20.0), [SLOW]), "interval .* of 20: .*milliseconds?"),
+    "fit: milliseconds": (lambda: fit(JOINT, [SLOW]), "interval .* of 20: expected at most .*milliseconds?"),
+    # reading
+    "read: None": (lambda: read(None), "log is None: expected a path or a DataFrame"),
+    "read: a number": (lambda: read(5), "log is 5: expected a path or a DataFrame"),
+    "read: lists of numbers": (lambda: read([0.0, 0.1], [1.0, 2.0]), "log is 0.0: expected a path or a DataFrame"),
+    "read: arrays": (lambda: read(T, T), "log is .*: expected a path or a DataFrame"),
+    "read: a record": (lambda: read(RECORD), "log is a Record: expected a path or a DataFrame"),
+    "read: a log": (lambda: read(read(FRAME)), "log is a Record: expected a path or a DataFrame"),
+    "read: no zero": (lambda: read(FRAME, zero=None), "zero = None: expected upright, hanging"),
+    "read: zero in a list": (lambda: read(FRAME, zero=[0.0]), r"zero = \[0.0\]: expected upright, hanging"),
+    "read: columns in a list": (lambda: read(FRAME, columns=["t", "theta"]), "columns is .*: expected .*t=time_s"),
+    "read: plant by name": (lambda: read(FRAME, plant="joint"), "plant is 'joint': expected a plant, such as"),
+    "read: plant by class": (lambda: read(FRAME, plant=GeneralJoint), "plant is <class .*>: expected a plant, such as"),
+    "read: begin as text": (lambda: read(FRAME, begin="2"), "begin = '2': expected a number of seconds"),
+    "read: end as text": (lambda: read(FRAME, end="2"), "end = '2': expected a number of seconds"),
+    "read: dt as text": (lambda: read(FRAME, dt="0.1"), "dt = '0.1': expected a number of seconds"),
+    "read: degrees in words": (lambda: read(FRAME, degrees="yes"), "degrees = 'yes': expected one of True, False"),
+    "read: sign in words": (lambda: read(FRAME, flip_torque="no"), "flip_torque = 'no': expected one of True, False"),
+    # the rest
+    "settings in a dict": (lambda: diagnose(JOINT, [RECORD], settings={"steps": 1}), "settings is .*: expected Search"),
+    "settings that are None": (lambda: diagnose(JOINT, [RECORD], settings=None), "settings is None: expected Search"),
+    "picture of an estimate": (lambda: plot_comparison(FITTED), "answer is an Estimate: expected a Comparison"),
+    "interval in percent": (lambda: FITTED.interval(95), "level = 95: expected a probability between 0 and 1"),
+    "load: None": (lambda: load(None), "path is None: expected the name of a file"),
+    "load effects: None": (lambda: load_effects(None), "path is None: expected the name of a file"),
+    "save: None": (lambda: save(JOINT, None), "path is None: expected the name of a file"),
+    "MJCF: into a number": (lambda: to_mjcf(JOINT, into=5), "path is 5: expected the name of a file"),
+}
+
+
+@pytest.mark.parametrize(("call", "sentence"), MISUSES.values(), ids=MISUSES.keys())
+def test_a_misuse_ends_in_a_sentence(call, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        call()
