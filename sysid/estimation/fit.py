@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.checks import check_excitation
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
@@ -81,13 +82,13 @@ def fit(
         For unusable records and unknown names.
     """
     records = check_records(model, records)
-    model.check_names(() if parameters is None else parameters)
-    sensor = sensor or found_sensor(model, records)
-    names = free(model, records) if parameters is None else tuple(parameters)
-    if not names:
+    parameters = free(model, records) if parameters is None else parameters
+    model.check_names(parameters)
+    if not parameters:
         raise InvalidInput("nothing is left to fit: every parameter that these records can show is fixed")
-    free_parameters(model, names)  # raises for names that the model lacks
-    return _from_neutral(Samples(model, records, sensor), model, names).estimate()
+    sensor = sensor or found_sensor(model, records)
+    check_excitation(records, sensor)
+    return _from_neutral(Samples(model, records, sensor), model, tuple(parameters)).estimate()
 
 
 def _from_neutral(samples: Samples, model: Model, names: tuple[str, ...]) -> Fit:
