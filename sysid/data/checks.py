@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.data.record import Record, as_read
-from sysid.data.sensor import Sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.errors import InvalidInput
 from sysid.limits import MAGNITUDE, check_size
 from sysid.physics.ops import Array
@@ -199,6 +199,7 @@ def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:
 
     A channel moves if the variance of its means over ten samples is above three times that of noise, sigma^2 / 10.
     """
+    check_sensor(sensor)
     ranges, records = [], as_read(records)
     for channel, sd in (("theta", sensor.theta), ("theta_dot", sensor.theta_dot)):
         for record in records:

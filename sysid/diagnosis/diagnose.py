@@ -15,7 +15,7 @@ from sysid.data.checks import check_excitation
 from sysid.data.logs import notes_of
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
-from sysid.data.sensor import Sensor, check_sensor
+from sysid.data.sensor import Sensor
 from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
@@ -112,8 +112,6 @@ def diagnose(
     model.check_names(parameters)
     names = tuple(parameters)
     check_kind("settings", settings, SearchSettings, "SearchSettings, such as SearchSettings(tolerance=0.05)")
-    if sensor is not None:
-        check_sensor(sensor)
     chosen = None if effects is None else _known(effects)
     sensor = sensor or sensor_noise(records).sensor
     check_excitation(records, sensor)

@@ -188,7 +188,7 @@ def test_a_pendulum_at_rest_is_not_fitted(torque: float) -> None:
     rng = np.random.default_rng(0)
     t = DT * np.arange(201)
     still = Record(t, np.full(200, torque), math.pi + 0.003 * rng.standard_normal(201), 0.05 * rng.standard_normal(201))
-    with pytest.raises(InvalidInput, match="at rest: theta stays within .* nothing excites m"):
+    with pytest.raises(InvalidInput, match=r"at rest: theta stays within .* nothing excites m"):
         fit(rod(), [still], SENSOR)
 
 
