@@ -83,7 +83,8 @@ def diagnose(
     effects : iterable of str, optional
         Names of the effects that may be missing; by default the whole catalogue.
     parameters : sequence of str, optional
-        The free parameters; by default the estimate's, or all but gravity and, in free swings, the inertia.
+        The names of the free parameters; the others keep their numbers. By default the estimate's, or all but what is
+        known, such as g; and of these not what sets the scale of all torques in free swings, such as m or J.
     settings : SearchSettings, optional
         What counts as evidence, and what matters.
 

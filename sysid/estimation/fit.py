@@ -69,7 +69,8 @@ def fit(
         Noise of the readings. By default it is found from the records without any model, and the speed is left out
         where it tells little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
     parameters : sequence of str, optional
-        The names of the free parameters; by default all but gravity and, in free swings, the inertia (`free`).
+        The names of the free parameters; the others keep their numbers. By default all are free but what is known, such
+        as g, and what sets the scale of all torques in free swings, such as m or J.
 
     Returns
     -------
