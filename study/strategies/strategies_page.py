@@ -46,7 +46,8 @@ def _arrivals(findings: TrialFindings) -> str:
     for plant, sensing in findings.plan.places:
         own = {s: findings.arrived(plant.name, sensing, s) for s in findings.plan.strategies}
         there = {s: n for s, n in own.items() if n is not None}
-        seeds = max(len(o.seeds) for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing) and c.n)
+        counts = (len(o.seeds) for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing) and c.n)
+        seeds = max(counts, default=len(findings.plan.seeds))
         where = f"On the plant with {plant.title}" if plant.effect else "On the paper's plant"
         where += f" ({sensing}, {seeds} seeds)"
         if not there:

@@ -106,10 +106,12 @@ class TrialPlan(StudySettings, ABC):
 
     @property
     def places(self) -> tuple[tuple[HiddenPlant, str], ...]:
+        """The plants with each way of sensing that any strategy can use; more than one where nothing is missing."""
         return tuple(
             (plant, sensing)
             for plant in self.plants
             for sensing in (self.sensings if plant.effect is None else self.sensings[:1])
+            if any(self.budgets_of(self.strategy_on(plant, own), sensing) for own in self.strategies)
         )
 
     def condition(self, plant: HiddenPlant, sensing: str, strategy: str, n: int) -> Condition:

@@ -244,6 +244,21 @@ def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
     assert found == {"point estimate": {-104.25}, "cross-entropy": {-159.75, -140.0}}
 
 
+@pytest.mark.parametrize(("name", "places"), [("kalman", 4), ("prior", 5), ("point", 5)])
+def test_a_strategy_alone_is_told_of_where_it_can_be_run(name, places):
+    """The Kalman filter needs an angle; the prior spends no rollout."""
+    plan = PLANS["strategies"].with_strategies([name])
+    assert len(plan.places) == places == len({(case.plant, case.sensing) for case in plan.cases})
+    cases = {case: {"deployed": str(case), "best": None, "observed": None, "rollouts": case.n, "simulated": 1}
+             for case in plan.cases}  # fmt: skip
+    steps = [CaseRound(case, 0, {"setups": {}, "learn": None, "answer": answer}, 0.0) for case, answer in cases.items()]
+    trained = [Trained(str(case), {case.plant: (-100.0,)}, (), {}, 0.0) for case in cases]
+    designs = [Designed(plant.name, OPTIMUM, seed, (-100.0,), 0.0) for plant, _ in plan.places for seed in plan.seeds]
+    found = trial_findings(plan, TrialResults(steps, trained, designs))
+    assert dict(strategies_sentences(found))["How many rollouts does it take?"].count("come") == places
+    assert len(returns_of_strategies(found).axes) >= places
+
+
 def test_an_unfinished_experiment_has_no_findings():
     plan, results = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
     with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
