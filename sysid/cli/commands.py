@@ -237,8 +237,6 @@ class LogAndModel:
 
     def fitted(self) -> Estimate:
         """The model fitted to what is not held out; raises InvalidInput where nothing is free."""
-        if not self.names:
-            raise InvalidInput("nothing is left to fit: every parameter that this log can show is fixed")
         return fit(self.model, self.training, self.sensor, self.names)
 
     def doubt(self, error: float | None) -> None:
