@@ -173,8 +173,8 @@ class Confirmation:
 
         There are two cases. More torque, by what matters, is missing with the addition than without it, and it does not
         halve the held-out error beyond the noise. Or what remains depends on the one quantity of which the effect is a
-        function, and the effect explains less than `most` of what that quantity predicts, or only with a number driven
-        to its bound.
+        function, and the effect explains less than `most` of it (if it depends on others, too, of the part of it that
+        this quantity predicts), or only with a number driven to its bound.
         """
         before = list(self.additions)
         while (masking := self._masking()) is not None:
@@ -207,14 +207,17 @@ class Confirmation:
         remaining = self.remaining(end, error, torque)
         if remaining is None or imitates not in remaining.depends_on:
             return False
-        part, before = (self._predicted(fit, imitates) for fit in (end, fewer))
+        alone = remaining.depends_on == (imitates,)
+        after, before = (self._missing_over(imitates, fit, alone) for fit in (end, fewer))
         bent = end.at_bounds - self.base.at_bounds
-        return bool(bent) or part > (1.0 - self.search.settings.most) * before
+        return bool(bent) or after > (1.0 - self.search.settings.most) * before
 
-    def _predicted(self, fit: Fit, quantity: str) -> float:
-        """The mean square [N^2 m^2] of that part of a fit's missing torque that a function of one quantity predicts."""
+    def _missing_over(self, quantity: str, fit: Fit, alone: bool) -> float:
+        """The mean square [N^2 m^2] of a fit's missing torque if it is a function of that quantity `alone`, else of the
+        part of it that the quantity predicts."""
         missing = self.missing(fit)
-        return dependence(fit, missing).shares.get(quantity, 0.0) * float(np.nanmean(missing**2))
+        share = 1.0 if alone else dependence(fit, missing).shares.get(quantity, 0.0)
+        return share * float(np.nanmean(missing**2))
 
     def _reconsider(self) -> None:
         """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the

@@ -41,8 +41,9 @@ class SearchSettings:
                    is still missing
     worse          ratio of the held-out error to that of what was fitted, from which something is missing that shows
                    only in held-out data; right models stay below 1.15
-    most           least share that a function of one quantity has to explain of the missing torque that this quantity
-                   predicts, if what remains depends on it, too: it could be a part of something unknown
+    most           least share of the missing torque that a function of one quantity has to explain if what remains
+                   depends on that quantity, too: it could be a part of something unknown. If what remains depends on
+                   others as well, the share is of what this quantity predicts
     recurrences    how often a ripple or a periodic torque has to come back within a record
     blocks         number of stretches that are left out in turn in the cross-validation of a candidate
     samples        most samples of a log that are searched, spread over it: with more, intervals would be narrower, but

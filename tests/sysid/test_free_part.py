@@ -129,7 +129,7 @@ def test_a_diagnosis_is_not_bent_by_the_hand_that_caught(tmp_path) -> None:
 def check_diagnosis(theta: np.ndarray, path: Path) -> None:
     """Both frictions are named, with their numbers, of a log that a hand had part in."""
     write_csv(logged(theta), path)
-    log = read(path)
+    log = read(path, thin=False)
     assert any("a hand holds or moves it there" in note for note in log.notes)
     found = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
     assert {step.effect for step in found.steps} == {"coulomb", "viscous"}
