@@ -123,7 +123,7 @@ def test_a_real_log_is_dropped_read_and_mended(page: Any, site: str, tmp_path: P
     page.get_by_text("does 0 mean hanging in this log?").wait_for(state="detached", timeout=LONG)
     page.locator("#set-end").fill("4.2")
     page.locator("#set-end").press("Enter")
-    page.get_by_text("209 samples").first.wait_for(timeout=LONG)
+    page.get_by_text("419 samples").first.wait_for(timeout=LONG)
     page.locator("#set-torque").click()
     page.get_by_role("option", name="torque_meas_Nm").click()
     page.get_by_role("button", name="Fit a model to this log").click()
