@@ -21,7 +21,7 @@ from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.physics.effects import OutputEffect, effect, kind_of
+from sysid.physics.effects import Effect, OutputEffect, effect
 from sysid.physics.model import Model
 
 
@@ -93,14 +93,14 @@ def add(
     InvalidInput
         For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
-    effect(name)  # raises where it is no effect's name
+    added = effect(name)  # raises where it is unknown
     records = check_records(model.model if isinstance(model, Estimate) else model, records)
     names = free(model, records)
     if isinstance(model, Estimate):
-        sensor, model = sensor or _sensor_of(model, name, records), model.model
+        sensor, model = sensor or _sensor_of(model, added, records), model.model
     if name in {e.name for e in model.effects}:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
-    with_it = model.with_effect(effect(name))  # raises where it is unknown or excluded
+    with_it = model.with_effect(added)  # raises where it is excluded
     training, held_out = split(records, hold_out)
     sensor = relied_on(with_it, training, sensor or sensor_noise(records).sensor)
     base = first_fit(Samples(model, training, sensor), model, names)
@@ -117,10 +117,10 @@ def add(
     )
 
 
-def _sensor_of(estimate: Estimate, name: str, records: Sequence[Record]) -> Sensor | None:
+def _sensor_of(estimate: Estimate, added: Effect, records: Sequence[Record]) -> Sensor | None:
     """The estimate's sensor; for an effect of a sensor with all channels, of which the estimate left out what it could
     not explain."""
     own = estimate.sensor
-    if own is None or not issubclass(kind_of(name), OutputEffect):
+    if own is None or not isinstance(added, OutputEffect):
         return own
     return replace(sensor_noise(records).sensor, **{c: sd for c in UNITS if (sd := getattr(own, c)) is not None})
