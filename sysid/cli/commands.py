@@ -28,7 +28,7 @@ from sysid.cli.command_options import (
     OnLog,
 )
 from sysid.cli.log_settings import with_settings
-from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
+from sysid.cli.starting_model import begun, named_numbers, sampled, shown
 from sysid.data.checks import check_excitation
 from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
@@ -250,7 +250,7 @@ class LogAndModel:
 
 def read_log(options: LogOptions, model: Model) -> Log:
     """The log as the options say, for a model of what it is of."""
-    return read(*options.files, **{**options.reading(), "plant": model.plant, "command": command_of(model)})
+    return read(*options.files, **{**options.reading(), "plant": model.plant, "command": model.command})
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------

@@ -208,11 +208,6 @@ def _turns_round(record: Record) -> bool:
     return float(np.max(np.abs(np.add.reduceat(speed, turned)))) * record.dt > SEVERAL_TURNS
 
 
-def command_of(model: Model) -> Command:
-    """What the model's command is."""
-    return next(name for name, kind in INPUTS.items() if kind is (type(model.actuator) if model.actuator else None))
-
-
 def named_numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
     """{name: number} of "name=number"."""
     found: dict[str, float] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, Literal, get_args, overload
 
@@ -193,6 +193,7 @@ def read(
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, part, hanging, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
+    records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
         free = [free_part(record) for record in records]
         records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sysid.data.files import save_csv
 from sysid.data.jitter import speed_about
-from sysid.errors import InvalidInput, check_kind, described, items_of
+from sysid.errors import InvalidInput, check_kind, described, is_real, items_of
 from sysid.limits import LONGEST_INTERVAL, check_size
 from sysid.physics.model import Model, check_model
 from sysid.physics.ops import Array
@@ -51,6 +51,8 @@ class Record:
         The commands of the M intervals before t[0], which drives remember; by default none.
     whole : Record or None
         The record that it was thinned from, whose readings show the noise best; None if it was not thinned.
+    command : str
+        What u holds, "torque", "current", "voltage" or "position"; empty where nobody said so.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class Record:
     origin: float | None = None
     before: Array | None = None
     whole: Record | None = field(default=None, repr=False)
+    command: str = ""
 
     def __post_init__(self) -> None:
         for column in (*COLUMNS, "before"):
@@ -87,8 +90,9 @@ class Record:
                 came = f"{column} has {len(series)} values"
                 raise InvalidInput(f"{self.name} is ragged: {came}, expected {n + 1} for {n} commands u")
         self._check_time()
-        if not self.time_since_start[0] >= 0.0:
-            raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
+        if self.origin is not None and not (is_real(self.origin) and self.origin <= self.t[0]):
+            began = f"before its rollout does (origin = {self.origin!r})"
+            raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, {began}")
         if self.theta is not None and self.has_angles:
             unwrapped = without_whole_turns(self.theta)
             unwrapped.setflags(write=False)
@@ -234,10 +238,14 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
                 "model with the log's dt"
             )
         largest = float(np.max(np.abs(record.u)))
-        if largest > model.u_max * (1.0 + 1e-9):
-            command = "torque" if model.actuator is None else model.actuator.command
+        if record.command not in ("", model.command) and largest > 0.0:
             raise InvalidInput(
-                f"{record.name} has a {command} of {largest:g} {model.command_unit}, beyond the model's limit "
+                f"{record.name} was read with command = {record.command!r}, and the model is driven by a "
+                f"{model.command}: expected a model with the actuator of the log's command, or read(command=...)"
+            )
+        if largest > model.u_max * (1.0 + 1e-9):
+            raise InvalidInput(
+                f"{record.name} has a {model.command} of {largest:g} {model.command_unit}, beyond the model's limit "
                 f"|u| <= {model.u_max:g} {model.command_unit}"
             )
     return given

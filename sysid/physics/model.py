@@ -130,6 +130,11 @@ class Model:
         return f"{own.name}.{own.damping}" if own is not None and own.damping else ""
 
     @property
+    def command(self) -> str:
+        """What kind of command drives the joint: "torque" without an actuator, else that of the actuator."""
+        return "torque" if self.actuator is None else self.actuator.command
+
+    @property
     def command_unit(self) -> str:
         """The unit of the command."""
         return self.plant.unit("N m" if self.actuator is None else self.actuator.unit)

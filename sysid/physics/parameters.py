@@ -105,7 +105,7 @@ class Parameter:
         if isinstance(value, float) and math.isfinite(value) and low <= value <= high:
             return
         name = f"{owner}.{self.name}" if owner else self.name
-        if value is None or isinstance(value, bool | str | list | tuple):
+        if value is None or isinstance(value, bool | str | list | tuple | dict):
             raise InvalidInput(f"parameter {name} is {value!r}: expected a number or an array [{self.unit}]")
         if not ops.is_number(value):
             return

@@ -14,6 +14,7 @@ from sysid import (
     InvalidInput,
     LeastSquares,
     Model,
+    PositionServo,
     Record,
     SemiImplicitEuler,
     Sensor,
@@ -41,6 +42,7 @@ from sysid.estimation.estimate import Estimate
 
 PLANT = GeneralJoint()
 JOINT = Model(PLANT, dt=0.02)
+SERVO = JOINT.with_effect(PositionServo())
 T = 0.02 * np.arange(301)
 RNG = np.random.default_rng(0)
 SENSOR = Sensor(theta=0.003)
@@ -95,6 +97,12 @@ MISUSES = {
     "model: dt as effects": (lambda: Model(PLANT, 0.02), "effects holds 0.02: expected effects"),
     "model: class as effects": (lambda: Model(PLANT, Coulomb), "effects holds <class .*Coulomb'>: expected effects"),
     "model: name as effects": (lambda: Model(PLANT, "coulomb"), "effects holds 'coulomb': expected effects"),
+    "plant: a dict": (lambda: GeneralJoint(J={}), "parameter GeneralJoint.J is {}: expected a number or an array"),
+    "grid: points as text": (lambda: GridSearch(("J",), points="9").fit(JOINT, [RECORD]), "points = '9': expected at"),
+    "starts as text": (
+        lambda: LeastSquares(("J",), starts="3").fit(JOINT, [RECORD]),
+        "starts = '3': expected a positive",
+    ),
     "substeps as text": (lambda: RK4(substeps="2"), "substeps = '2': expected a whole number"),
     "fastest as text": (lambda: SemiImplicitEuler(theta_dot_max="8"), "theta_dot_max = '8': expected a positive"),
     # effects
@@ -119,6 +127,18 @@ MISUSES = {
     "CSV of a list": (lambda: write_csv([RECORD], "rig.csv"), "record is .*: expected a Record"),
     "compare: milliseconds": (lambda: compare(Model(PLANT, dt=20.0), [SLOW]), "interval .* of 20: .*milliseconds?"),
     "fit: milliseconds": (lambda: fit(JOINT, [SLOW]), "interval .* of 20: expected at most .*milliseconds?"),
+    "fit: torques for a servo": (
+        lambda: fit(SERVO, [read(FRAME)[0]]),
+        "command = 'torque', and .* driven by a position",
+    ),
+    "fit: a servo's log for torques": (
+        lambda: fit(JOINT, [read(FRAME, command="position")[0]]),
+        "command = 'position', and .* driven by a torque",
+    ),
+    "origin as text": (
+        lambda: Record(T, RECORD.u, RECORD.theta, origin="0"),
+        r"before its rollout does \(origin = '0'",
+    ),
     # reading
     "read: None": (lambda: read(None), "log is None: expected a path or a DataFrame"),
     "read: a number": (lambda: read(5), "log is 5: expected a path or a DataFrame"),

@@ -42,6 +42,8 @@ class GridSearch:
         check_direct(model, "GridSearch")
         records = check_records(model, records)
         check_sensor(self.sensor)
+        if not (isinstance(self.points, int) and self.points >= 2):
+            raise InvalidInput(f"points = {self.points!r}: expected at least 2")
         axes = [self._axis(p.name, p.bounds) for p in free]
         if self.points ** len(axes) > 1_000_000:
             raise InvalidInput(f"{self.points}^{len(axes)} cells are too many for a grid: use LeastSquares")
@@ -64,8 +66,6 @@ class GridSearch:
                 f"{name} has no finite bounds {bounds}: a grid needs them, as Viscous(bounds={{'b': (0, 1)}}) has; "
                 "use LeastSquares"
             )
-        if self.points < 2:
-            raise InvalidInput(f"points = {self.points}: expected at least 2")
         return np.linspace(*bounds, self.points)
 
     def _estimate(

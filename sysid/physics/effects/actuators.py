@@ -60,7 +60,7 @@ class PositionServo(Actuator):
     words = "a servo driven by a position command"
     formula = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
     excludes = ("torque_gain", "dead_zone", "saturation")
-    command = "position command"
+    command = "position"
     unit = "rad"
     scale = "k_p"
     damping = "k_d"

@@ -178,7 +178,7 @@ class Actuator(Effect):
     A model has at most one; without one its command is the torque. The input effects come before it and act on the
     command in its own unit.
 
-    command      what the command is, for a sentence
+    command      the kind of command: "torque", "current", "voltage" or "position"
     unit         the command's unit, for a plant that turns
     scale        the parameter that sets the scale of all torques: motion alone cannot show it
     damping      the parameter by which it brakes the joint
