@@ -42,7 +42,7 @@ class GridSearch:
         check_direct(model, "GridSearch")
         records = check_records(model, records)
         check_sensor(self.sensor)
-        if not (isinstance(self.points, int) and self.points >= 2):
+        if not (isinstance(self.points, int | np.integer) and self.points >= 2):
             raise InvalidInput(f"points = {self.points!r}: expected at least 2")
         axes = [self._axis(p.name, p.bounds) for p in free]
         if self.points ** len(axes) > 1_000_000:

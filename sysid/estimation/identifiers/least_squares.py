@@ -59,7 +59,7 @@ class LeastSquares:
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
         """The estimate; raises InvalidInput for unusable records, names or settings."""
         free = free_parameters(model, self.parameters)
-        if not (isinstance(self.starts, int) and self.starts >= 1):
+        if not (isinstance(self.starts, int | np.integer) and self.starts >= 1):
             raise InvalidInput(f"starts = {self.starts!r}: expected a positive count")
         check_direct(model, "LeastSquares")
         samples = Samples(model, records, self.sensor)
