@@ -21,26 +21,19 @@ def policy(rng, history=0):
     return NetworkPolicy(layers, 2.0, history)
 
 
-def test_policies_command_the_same_after_reading(tmp_path):
-    policies = [policy(np.random.default_rng(seed)) for seed in (0, 1)]
+@pytest.mark.parametrize(("names", "history"), [(CELLS, 0), (("4f2a", "77b0"), 2)])
+def test_policies_command_the_same_after_reading(tmp_path, names, history):
+    policies = [policy(np.random.default_rng(seed), history) for seed in (0, 1)]
     path = tmp_path / "policies" / "population_1.npz"
-    write_policies(path, CELLS, policies)
+    write_policies(path, names, policies)
     found = read_policies(path)
-    assert tuple(found) == CELLS
+    assert tuple(found) == names
     state = paper_model().initial_state(np.linspace(-3.0, 3.0, 9), np.linspace(-8.0, 8.0, 9))
+    past = np.random.default_rng(2).uniform(-2.0, 2.0, (9, history))
     for before, after in zip(policies, found.values(), strict=True):
-        assert np.array_equal(before(state, 0.0), after(state, 0.0))
-    assert not np.array_equal(policies[0](state, 0.0), policies[1](state, 0.0))
-
-
-def test_policies_that_see_past_commands_come_back_by_name(tmp_path):
-    before = policy(np.random.default_rng(0), history=2)
-    write_policies(tmp_path / "policies.npz", ["4f2a"], [before])
-    after = read_policies(tmp_path / "policies.npz")["4f2a"]
-    state = paper_model().initial_state(np.array([0.3]), np.array([-1.0]))
-    past = np.array([[2.0, -1.0]])
-    assert after.history == 2
-    assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
+        assert after.history == history
+        assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
+    assert not np.array_equal(*(own(state, 0.0, past) for own in policies))
 
 
 def test_a_file_that_would_run_code_or_is_none_is_refused(tmp_path):
