@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policies.evaluation import start_states
 from study.formatting import MINUS
 from study.paper import claims
 from study.paper.finished_runs import Outcomes, Run, outcomes
@@ -83,10 +82,6 @@ def flat(value):
 
 def test_200_evaluations_stand_on_29_start_states():
     assert claims.distinct_starts() == (29, 200)
-    for seed in range(9):
-        here, there = (np.stack(start_states(s), axis=1) for s in (seed, seed + 1))
-        assert np.array_equal(here[1:], there[:-1])
-        assert not np.array_equal(here[0], there[0])
     assert claims.starts().verdict == claims.IN_PART
     assert claims.starts((0, 20, 40)).verdict == claims.HOLDS
 
