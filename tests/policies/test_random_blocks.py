@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from policies.environments.random_streams import Purpose
+from policies.environments.random_streams import Purpose, generator
 from policies.training.random_blocks import RandomBlocks
 
 
@@ -25,3 +25,9 @@ def test_numbers_do_not_depend_on_the_order_of_asking():
     ascending = numbers(forward, range(35))
     np.testing.assert_array_equal(ascending, numbers(backward, reversed(range(35)))[::-1])
     assert len(np.unique(ascending)) == ascending.size
+
+
+def test_seeds_purposes_and_blocks_have_streams_of_their_own():
+    firsts = [generator(s, p, b).random() for s in (0, 1) for p in Purpose for b in (0, 1)]
+    assert len(set(firsts)) == len(firsts)
+    assert generator(1, Purpose.LOSS, 3).random() == generator(1, Purpose.LOSS, 3).random()
