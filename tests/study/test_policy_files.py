@@ -6,24 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from policies.training.population import NetworkPolicy
 from study.paper.presets import Cell
 from study.paper.protocol import paper_model
 from study.pipeline.population_task import read_policies, write_policies
 from sysid import InvalidInput
+from tests.policies.random_policy import random_policy
 
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))
 
 
-def policy(rng, history=0):
-    sizes = [(3 + history, 4), (4, 1)]
-    layers = tuple((rng.normal(size=s).astype(np.float32), rng.normal(size=s[1]).astype(np.float32)) for s in sizes)
-    return NetworkPolicy(layers, 2.0, history)
-
-
 @pytest.mark.parametrize(("names", "history"), [(CELLS, 0), (("4f2a", "77b0"), 2)])
 def test_policies_command_the_same_after_reading(tmp_path, names, history):
-    policies = [policy(np.random.default_rng(seed), history) for seed in (0, 1)]
+    policies = [random_policy(history, seed=seed) for seed in (0, 1)]
     path = tmp_path / "policies" / "population_1.npz"
     write_policies(path, names, policies)
     found = read_policies(path)
