@@ -137,15 +137,6 @@ def test_a_name_that_the_model_does_not_have_is_refused(unknown):
         unknown.sample(np.random.default_rng(0), MODEL)
 
 
-def test_it_is_plain_data():
-    assert Posterior(("m", "l"), (1.5, 1.2), np.array(COVARIANCE)).to_json()["covariance"] == COVARIANCE
-    ranges = Ranges({"m": (1, 2)})
-    assert json.loads(json.dumps(ranges.to_json())) == {"kind": "Ranges", "ranges": {"m": [1.0, 2.0]}}
-    assert Fixed().to_json() == {"kind": "Fixed"}
-    assert json.loads(json.dumps(Band({"m": 2.0}, 0.1).to_json())) == {"kind": "Band", "center": {"m": 2.0}, "w": 0.1}
-    assert json.loads(json.dumps(PriorRange().to_json())) == {"kind": "PriorRange", "names": ["m", "l"]}
-
-
 @pytest.mark.parametrize("w", [-0.1, 1.0, float("nan")])
 def test_a_width_that_means_nothing_is_refused(w):
     with pytest.raises(InvalidInput, match="w = "):
@@ -248,8 +239,8 @@ def test_a_random_force_that_means_nothing_is_refused(number):
         Fixed(),
         Band({"m": 2.0}, 0.1),
         PriorRange(),
-        Ranges({"m": (1.0, 2.0)}),
-        Posterior(("m", "l"), (1.5, 1.2), COVARIANCE),
+        Ranges({"m": (1, 2)}),
+        Posterior(("m", "l"), (1.5, 1.2), np.array(COVARIANCE)),
         Mixture(EITHER),
         SingleEffect({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)},), {"coulomb.tau_c": 0.0}),
         RandomForce(Mixture(EITHER), 0.5, 0.1),
