@@ -19,6 +19,7 @@ from study.paper.sweep_page import outputs
 from study.pipeline.population_task import read_policies
 from study.pipeline.publication import PUBLISHED
 from study.pipeline.stages import run
+from study.pipeline.tables import write_rows
 from sysid import InvalidInput
 from sysid.version import installed_version
 from tests.study.inline import Inline
@@ -66,8 +67,8 @@ def finished(tmp_path_factory):
     return folder, *finish(folder)
 
 
-def table(folder):
-    with (folder / "runs.csv").open() as file:
+def table(folder, name="runs.csv"):
+    with (folder / name).open() as file:
         return list(csv.DictReader(file))
 
 
@@ -118,8 +119,7 @@ def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
     assert places == sorted(places)
     assert page.count("How far from optimal, and why?") == said.count("How far from optimal, and why?") == 3
     assert "speed read to 2 rad/s" in said
-    with (folder / "references.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = table(folder, "references.csv")
     assert [row["m"] for row in rows] == ["2.0"] * 3 + ["1.5"] * 3
     for plant in (rows[:3], rows[3:]):
         returns = {row["controller"]: float(row["return_mean"]) for row in plant}
@@ -202,13 +202,8 @@ def test_a_published_table_of_one_point_needs_no_column_for_it(tmp_path):
 
 def changed(folder, path, **columns):
     """The table with another first run."""
-    with (folder / "runs.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    rows[0].update(columns)
-    with path.open("w") as file:
-        writer = csv.DictWriter(file, [*rows[0]])
-        writer.writeheader()
-        writer.writerows(rows)
+    first, *rest = table(folder)
+    write_rows(path, [*first], ([*row.values()] for row in (first | columns, *rest)))
 
 
 @pytest.mark.parametrize(
