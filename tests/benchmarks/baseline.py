@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
 from sysid import Record
+from tests.benchmarks.rivals import lagged
 
 Array = NDArray[np.float64]
 MOST = 4  # effects at most
@@ -35,7 +36,6 @@ class Finding:
 
     chosen: tuple[str, ...]
     ranking: tuple[tuple[str, float], ...]
-    bic: float
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,7 @@ class _Log:
             # The integral of a held signal is linear between rows, so that any shift is a look-up.
             edges = self.dt * np.arange(len(u) + 1)
             if path.lag > 0.0:
-                decay = np.exp(-self.dt / path.lag)
-                z, means = 0.0, np.empty_like(u)
-                for k, s in enumerate(u):
-                    means[k] = s + (z - s) * path.lag / self.dt * (1.0 - decay)
-                    z = s + (z - s) * decay
-                u = means
+                (u,) = lagged(u[None], path.lag, self.dt)
             total = np.concatenate([[0.0], np.cumsum(u) * self.dt])
             n = self.span
             at = edges - path.shift
@@ -124,7 +119,7 @@ class _Log:
 
 
 def _choose_filter(records: Sequence[Record]) -> tuple[int, int]:
-    """The shortest filter that is quiet enough, the longest where none is."""
+    """The shortest of FILTERS that leaves at most QUIET of noise in the acceleration, the longest where none does."""
     dt = records[0].dt
     speeds = [r.theta_dot for r in records if r.theta_dot is not None]
     sigma = _noise(speeds) if speeds else _noise([r.theta for r in records])
@@ -150,14 +145,9 @@ def _padded(x: Array, window: int) -> Array:
     return np.pad(x, half, mode="reflect", reflect_type="odd")
 
 
-def find(records: Sequence[Record], window: int | None = None, span: int | None = None) -> Finding:
-    """Name the effects that regression finds in the records.
-
-    window and span [rows] of the smoother and of the difference: the shortest of FILTERS that leaves at most QUIET of
-    noise in the acceleration, where they are not given.
-    """
-    chosen_window, chosen_span = _choose_filter(records)
-    log = _Log(records, window or chosen_window, span or chosen_span)
+def find(records: Sequence[Record]) -> Finding:
+    """Name the effects that regression finds in the records."""
+    log = _Log(records, *_choose_filter(records))
     chosen: list[_Term] = []
     best = _bic(log, chosen)
     ranking: tuple[tuple[str, float], ...] = ()
@@ -174,7 +164,7 @@ def find(records: Sequence[Record], window: int | None = None, span: int | None 
             without = [c for c in chosen if c is not old]
             if _bic(log, without) < best:
                 chosen, best = without, _bic(log, without)
-    return Finding(tuple(c.name for c in chosen if c.name != "stamp"), ranking, best)
+    return Finding(tuple(c.name for c in chosen if c.name != "stamp"), ranking)
 
 
 def _best_each(log: _Log, chosen: list[_Term]) -> dict[str, tuple[float, _Term]]:

@@ -15,29 +15,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.stats import binom
 
+from policies.environments.randomization import Fixed, RandomForce
 from tests.benchmarks import command
 from tests.benchmarks.cases import Case, records
 from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, plan
 from tests.benchmarks.hidden import numbers_of
 from tests.benchmarks.runner import Row, add_options, answered
 from tests.benchmarks.score import indistinguishable
-from tests.benchmarks.truth import Array
 
 EFFECTS = ("coulomb", "viscous", "tilt", "drag", "spring")
 CLOSE = 0.2
 """The share of s by which what is found may be off."""
-
-
-def gaussian_process(shape: tuple[int, int], s: float, T: float, dt: float, rng: np.random.Generator) -> Array:
-    """Stationary paths (n, N+1) of sd s and correlation time T [s] at instants dt [s] apart."""
-    factor = np.exp(-dt / T)
-    steps = s * rng.standard_normal(shape)
-    steps[:, 1:] *= np.sqrt(1.0 - factor**2)
-    paths: Array = lfilter([1.0], [1.0, -factor], steps, axis=1)
-    return paths
 
 
 def case(seed: int, s: float, T: float) -> Case:
@@ -51,7 +41,8 @@ def world(own: Case, s: float, T: float) -> World:
     log = LOGS[own.log]
     made = plan(own.experiment, log, own.rng("plan"))
     peak = float(np.max(np.abs(made.u)))
-    wind = gaussian_process(made.wind.shape, s, T, log.dt, own.rng("random torque"))
+    rng, forced = own.rng("random torque"), RandomForce(Fixed(), s, T)
+    wind = np.stack([forced.torques(rng, len(rows), log.dt) for rows in made.wind])
     return World(replace(made, wind=wind), numbers_of(own.hidden[0], own.size, log.dt, peak), 1.0, log)
 
 

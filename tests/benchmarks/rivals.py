@@ -65,7 +65,7 @@ def _command(x: Motions) -> dict[str, list[Family]]:
     return {
         "stamp": [path(*late[:8]), path(*(_shifted(x, -r * dt) for r in rows[:8]))],
         "delay": [Family(np.stack(late[7:]) - x.u, path=True, begins=True)],
-        "lag": [path(*(_lagged(x, T) for T in dt * 2.0 ** np.arange(-4.0, 3.5, 0.5)))],
+        "lag": [path(*(lagged(x.u, T, x.h) for T in dt * 2.0 ** np.arange(-4.0, 3.5, 0.5)))],
         "dead_zone": [path(*(x.u - np.clip(x.u, -d, d) for d in peak * 2.0 ** np.arange(-9.0, -1.5, 0.5)))],
         "saturation": [path(*(np.clip(x.u, -s * peak, s * peak) for s in np.arange(0.975, 0.2, -0.025)))],
     }
@@ -78,12 +78,12 @@ def _shifted(x: Motions, T: float) -> Array:
     return np.array([np.diff(np.interp(edges - T, edges, row)) / x.h for row in total])
 
 
-def _lagged(x: Motions, T: float) -> Array:
-    decay = np.exp(-x.h / T)
-    z, out = np.zeros(len(x.u)), np.empty_like(x.u)
-    for c in range(x.u.shape[1]):
-        s = x.u[:, c]
-        out[:, c] = s + (z - s) * T / x.h * (1.0 - decay)
+def lagged(u: Array, T: float, h: float) -> Array:
+    """Means of a lag's answer over cells of h [s] to commands u (L, C) that are held over them."""
+    decay = np.exp(-h / T)
+    z, out = np.zeros(len(u)), np.empty_like(u)
+    for c, s in enumerate(u.T):
+        out[:, c] = s + (z - s) * T / h * (1.0 - decay)
         z = s + (z - s) * decay
     return out
 

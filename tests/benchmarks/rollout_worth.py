@@ -69,11 +69,8 @@ def case(identifier: str, seed: int, price: float) -> Case:
             estimates[n] = identified(identifier, rollouts[:n])
         return estimates[n]
 
-    decision, rng = (
-        SwingUpDecision.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE),
-        np.random.default_rng(seed),
-    )
-    n = 1
+    decision = SwingUpDecision.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE)
+    n, rng = 1, np.random.default_rng(seed)
     while True:
         advice = worth_of_rollouts(after(n), n, decision, price=price, further=FURTHER, draws=DRAWS)
         if advice.best is None or n == MOST:

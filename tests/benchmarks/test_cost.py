@@ -1,7 +1,5 @@
 """The cost of a diagnosis is that of its process."""
 
-import pytest
-
 from tests.benchmarks.cost import SIZES, Cost, cost, table
 from tests.benchmarks.experiments import Log
 
@@ -18,11 +16,7 @@ def test_a_short_log_takes_time_and_memory_and_is_answered():
     assert found.said
 
 
-def test_a_cost_that_grows_with_the_samples_has_slope_one():
+def test_a_cost_that_grows_with_the_samples_has_slope_one_and_the_first_size_none():
     rows = table([Cost(1000, 50.0, 2.0, 1.0, 100.0, ""), Cost(10_000, 50.0, 2.0, 10.0, 1000.0, "")])
-    assert rows.splitlines()[-1].count("| 1.00 |") == 2
-
-
-@pytest.mark.parametrize("samples", list(SIZES))
-def test_a_table_of_one_size_has_no_slope(samples):
-    assert "|  |" in table([Cost(samples, 50.0, 1.0, 1.0, 1.0, "")]).splitlines()[-1]
+    first, second = rows.splitlines()[2:]
+    assert first.count("|  |") == second.count("| 1.00 |") == 2

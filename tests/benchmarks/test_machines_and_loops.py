@@ -7,11 +7,10 @@ import pytest
 
 from tests.benchmarks import coarse_truth, mujoco_truth, truth
 from tests.benchmarks.cases import COLUMNS, ENGINES, RATE, Case, named, records, training, world
-from tests.benchmarks.experiments import ENCODER, KD, KP, LOGS, SERVOS, Log, Servo, World, move, plan, played, write
+from tests.benchmarks.experiments import ENCODER, KD, KP, SERVOS, Log, Servo, World, move, plan, played, write
 from tests.benchmarks.methods import Answer, thinned
 from tests.benchmarks.readme_example import HIDDEN, example, right, subsets
 from tests.benchmarks.runner import Store, run
-from tests.benchmarks.truth import NEUTRAL
 
 SHORT = Log(seconds=2.0, rollouts=3, theta=0.001, angle_step=ENCODER)
 HIDDEN_NUMBERS = {"coulomb.tau_c": 0.2, "delay.T": 0.03}
@@ -167,8 +166,3 @@ def test_every_two_and_more_of_eight_logs():
 )
 def test_less_more_and_a_remainder_are_not_exactly_the_two(answer):
     assert not right(Case("readme", HIDDEN, "own", "swings", "12345678", 0), answer)
-
-
-def test_the_neutral_machine_is_rigid():
-    assert np.isinf(NEUTRAL["flexible.f"])
-    assert LOGS["clean"].angle_step == 0.0

@@ -4,8 +4,7 @@ import csv
 
 from policies.control import references
 from policies.control.dynamic_programming import Grid
-from policies.environments.machine import past_commands_needed
-from tests.benchmarks.optimality import COLUMNS, PLANTS, main, plant, reached
+from tests.benchmarks.optimality import COLUMNS, main, reached
 
 
 def test_near_is_within_a_share_of_the_optimum():
@@ -16,10 +15,6 @@ def test_near_is_within_a_share_of_the_optimum():
     assert reached(rows, 0.05) == "2 s, 1,000 steps"
     assert reached(rows, 0.02) == "6 s, 3,000 steps"
     assert reached(rows[:1], 0.05) == "never"
-
-
-def test_agents_observe_the_commands_under_way():
-    assert [past_commands_needed(plant(name)) for name in PLANTS] == [0, 0, 4]
 
 
 def test_a_table_grows_by_the_looks_of_every_plant(tmp_path, monkeypatch, capsys):

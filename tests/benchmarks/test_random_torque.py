@@ -1,18 +1,9 @@
-"""Laws of the random torque and of the table that is made of its answers."""
+"""Laws of a world with a random torque and of the table that is made of its answers."""
 
 import numpy as np
 import pytest
 
-from tests.benchmarks.random_torque import EFFECTS, case, gaussian_process, report, world
-
-
-def test_the_random_torque_has_its_size_and_its_correlation_time():
-    s, T, dt = 0.2, 0.3, 0.05
-    d = gaussian_process((4000, 41), s, T, dt, np.random.default_rng(0))
-    assert np.std(d, axis=0) == pytest.approx(np.full(41, s), rel=0.05), "from the first instant on"
-    for lag in (1, 6, 12):
-        together = np.mean(d[:, lag:] * d[:, :-lag]) / s**2
-        assert together == pytest.approx(np.exp(-lag * dt / T), abs=0.03)
+from tests.benchmarks.random_torque import EFFECTS, case, report, world
 
 
 def test_a_world_pushes_with_the_torque_that_its_key_tells():

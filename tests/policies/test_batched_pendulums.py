@@ -111,14 +111,6 @@ def test_the_horizon_is_ten_seconds_and_the_return_the_same_integral_at_every_in
     assert costs[1:] == pytest.approx([costs[0]] * 2, rel=0.02)
 
 
-def test_draws_depend_on_the_own_seed_only():
-    together = make([PriorRange()] * 3, (4, 5, 6))
-    alone = make([PriorRange()], (5,))
-    for _ in range(3):
-        assert torch.equal(begin(together)[1], begin(alone)[0])
-        assert together.parameters_now["m"][1] == alone.parameters_now["m"][0]
-
-
 def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
     env = make([Band({"m": 2.0, "l": 1.5}, w) for w in (0.0, 0.5)], (3, 3))
     for _ in range(3):
@@ -131,7 +123,25 @@ def remembering():
     return BatchedPendulums(model, BANDS, (4, 5, 6), horizon=5, history=2)
 
 
-@pytest.mark.parametrize("pendulums", [remembering, lambda: make(MIXED, horizon=9)], ids=["memories", "random torques"])
+def forced():
+    return make(MIXED, horizon=9)
+
+
+@pytest.mark.parametrize("pendulums", [remembering, forced])
+def test_a_restart_of_some_leaves_the_others_alone(pendulums):
+    whole, parts = pendulums(), pendulums()
+    begin(whole), begin(parts)
+    for k, action in enumerate(actions(12, 3)):
+        if k == 5:
+            parts.reset(TensorDict({"_reset": torch.tensor([[False], [True], [True]])}, [3]))
+        ours, theirs = hold(whole, action)[0], hold(parts, action)[0]
+        assert torch.equal(ours[0], theirs[0])
+        assert torch.equal(ours[1:], theirs[1:]) == (k < 5)
+    assert parts.steps.tolist() == [12, 7, 7]
+    assert [new - old for new, old in zip(parts.episodes, whole.episodes, strict=True)] == [0, 1, 1]
+
+
+@pytest.mark.parametrize("pendulums", [remembering, forced])
 def test_a_snapshot_goes_on_where_it_was_taken(pendulums):
     one, other = pendulums(), pendulums()
     begin(one), begin(one)
@@ -234,17 +244,6 @@ def test_a_random_force_leaves_every_start_and_every_parameter_as_they_were():
         assert (ours != theirs).any(1).all()
 
 
-def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
-    whole, parts = make(MIXED), make(MIXED)
-    begin(whole), begin(parts)
-    for k, action in enumerate(actions(12, 3)):
-        if k == 5:
-            parts.reset(TensorDict({"_reset": torch.tensor([[False], [True], [True]])}, [3]))
-        ours, theirs = hold(whole, action)[0], hold(parts, action)[0]
-        assert torch.equal(ours[0], theirs[0])
-        assert torch.equal(ours[2], theirs[2]) == (k < 5)
-
-
 def test_agents_may_draw_the_same_parameters_in_any_order():
     one, other = Band({"m": 1.2, "l": 0.9}), Band({"l": 0.9, "m": 1.2})
     env = BatchedPendulums(paper_model(), [one, other], [3, 3])
@@ -285,24 +284,11 @@ def test_a_time_limit_truncates_and_never_terminates():
     assert not out["next", "terminated"].any()
 
 
-def test_a_partial_reset_leaves_the_other_agents_alone():
-    env = BatchedPendulums(Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0), BANDS, (4, 5, 6), history=2)
-    td = env.reset()
-    for action in actions(3, 3):
-        td = env.step(td.set("action", action))["next"]
-    before, episodes = [kept.clone() for kept in env._kept], list(env.episodes)
-    env.reset(td.set("_reset", torch.tensor([[False], [True], [False]])))
-    changed = torch.stack([kept != was for kept, was in zip(env._kept, before, strict=True)])
-    assert changed[0].tolist() == [False, True, False] and not changed[:, [0, 2]].any()
-    assert env.steps.tolist() == [3, 0, 3]
-    assert env.episodes == [episodes[0], episodes[1] + 1, episodes[2]]
-
-
 def test_setting_the_seed_repeats_the_rollout():
     env = make()
     rewards = []
     for _ in range(2):
         env.set_seed(11)
-        td = env.reset()
-        rewards.append(torch.stack([env.step(td.set("action", a))["next", "reward"] for a in actions(5, 3)]))
+        begin(env)
+        rewards.append(torch.stack([hold(env, action)[1] for action in actions(5, 3)]))
     assert torch.equal(*rewards)

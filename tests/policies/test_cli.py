@@ -19,6 +19,7 @@ from policies.environments.machine import past_commands_needed
 from policies.environments.randomization import Fixed
 from policies.evaluation import evaluate, fresh_start_states
 from policies.storage.policy_file import DESCRIPTION, WEIGHTS, load_policy
+from policies.training.sac import SACPopulation
 from study.paper.protocol import paper_model
 from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp
 
@@ -273,8 +274,6 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.training.sac import SACPopulation
-
     def stopped(self, steps):
         raise KeyboardInterrupt
 
@@ -285,8 +284,6 @@ def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkey
 
 
 def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, run, monkeypatch):
-    from policies.training.sac import SACPopulation
-
     def stopped(self, steps):
         go_on(self, steps)
         raise KeyboardInterrupt

@@ -1,5 +1,7 @@
 """A training step can be launched as one graph: it works in place, and nothing in it waits for the device."""
 
+from itertools import product
+
 import pytest
 import torch
 from torch.fx.experimental.proxy_tensor import make_fx
@@ -74,8 +76,10 @@ class FromHost(TorchFunctionMode):
         return function(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("algorithm", SETTINGS)
-@pytest.mark.parametrize("name", [*MODELS, *CARRIED])
+EVERY = [*product(MODELS, SETTINGS), *((name, SHACPopulation) for name in CARRIED)]
+
+
+@pytest.mark.parametrize(("name", "algorithm"), EVERY)
 def test_a_learning_step_never_waits_for_the_device_and_brings_it_nothing(name, algorithm):
     population = make(name, algorithm)
     with Waiting() as waiting, FromHost() as bringing:

@@ -111,11 +111,6 @@ def test_no_other_controller_is_worth_more(fair):
         assert -fair.cost_to_go(*STARTS).mean() > rival.mean
 
 
-def test_a_wrong_design_is_worth_less_on_the_plant(fair):
-    wrong = evaluate(solve(paper_model(m=1.0, l=1.0), fair.grid), HIDDEN, *STARTS).mean
-    assert wrong < evaluate(fair, HIDDEN, *STARTS).mean - 100.0
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("m", "l", "published"), [(2.0, 1.5, -330.7), (1.5, 1.2, -215.2), (2.5, 2.0, -523.6), (1.0, 1.0, -139.1)]

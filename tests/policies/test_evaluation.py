@@ -139,11 +139,6 @@ def test_the_interval_covers_the_mean_as_often_as_it_says():
     assert hits == pytest.approx(900, abs=30)
 
 
-def test_upright_at_rest_costs_nothing_and_hanging_costs_pi_squared():
-    answer = evaluate(zero, paper_model(), np.array([0.0, math.pi]), np.zeros(2), horizon=10)
-    np.testing.assert_allclose(answer.returns, [0.0, -10.0 * math.pi**2], atol=1e-9)
-
-
 def test_statistics():
     answer = Evaluation(np.array([1.0, 2.0, 4.0]))
     assert answer.mean == pytest.approx(7.0 / 3.0)

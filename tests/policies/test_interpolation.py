@@ -26,15 +26,6 @@ def test_a_function_linear_in_each_coordinate_is_met_everywhere(axes):
     np.testing.assert_allclose(interpolate(table, axes, point), f(*point), rtol=1e-5, atol=1e-5)
 
 
-def test_weights_are_probabilities_on_neighbouring_nodes():
-    rng = np.random.default_rng(1)
-    point = rng.uniform(-20.0, 20.0, (3, 50))
-    nodes, weights = corners((CIRCLE, LINE, THIRD), point)
-    assert nodes.shape == weights.shape == (50, 8)
-    assert np.all(weights >= 0.0) and np.all((nodes >= 0) & (nodes < 8 * 7 * 5))
-    np.testing.assert_allclose(weights.sum(-1), 1.0, rtol=1e-6)
-
-
 def test_a_circle_has_no_end_and_a_line_holds_its_ends():
     table = np.arange(8.0) ** 2
     for x in (-9.1, 0.3, 3.14, 40.0):
@@ -44,10 +35,3 @@ def test_a_circle_has_no_end_and_a_line_holds_its_ends():
     assert last_gap == pytest.approx(0.5 * (table[-1] + table[0]), rel=1e-5)
     table = np.arange(7.0)
     np.testing.assert_array_equal(interpolate(table, (LINE,), (np.array([-99.0, -3.0, 3.0, 99.0]),)), [0, 0, 6, 6])
-
-
-@pytest.mark.parametrize("axis", [CIRCLE, LINE])
-def test_zero_is_a_node_and_its_mirror_images_mirror(axis):
-    below, _, share = axis.around(np.array(0.0))
-    assert axis.nodes[below] == 0.0 and share == 0.0
-    assert np.allclose(np.diff(axis.nodes), axis.spacing)

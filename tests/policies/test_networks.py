@@ -10,8 +10,6 @@ from policies.training.networks import (
     SquashedNormal,
     StackedMLP,
     WrittenOutMLP,
-    backward,
-    forward,
     head,
     initialise,
     layers_of,
@@ -52,19 +50,6 @@ def test_it_computes_what_ordinary_layers_compute_and_its_gradients_are_autograd
     fixed = [leaf.detach() for leaf in leaves]
     (found,) = torch.autograd.grad(WrittenOutMLP.apply(with_ones(x), *fixed), [x], slope)
     torch.testing.assert_close(found, expected[0])
-
-
-@pytest.mark.parametrize("sizes", SIZES)
-def test_without_autograd_the_gradients_are_the_same(sizes):
-    leaves, x = stacked(3, sizes), with_ones(inputs(3, 7, sizes[0])).detach()
-    slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
-    expected = torch.autograd.grad(WrittenOutMLP.apply(x, *leaves), leaves, slope)
-    with torch.no_grad():
-        passed = forward(x, leaves)
-        found, start = backward(passed, leaves, slope.clone())
-        torch.testing.assert_close(backward(passed, leaves, slope.clone(), learned=False)[1], start)
-    for ours, theirs in zip(found, expected, strict=True):
-        torch.testing.assert_close(ours, theirs)
 
 
 def test_initial_weights_are_distributed_as_pytorchs():

@@ -5,7 +5,6 @@ import json
 import pickle
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,32 +12,22 @@ import pytest
 from safetensors.numpy import load, save
 
 from policies.evaluation import evaluate, fresh_start_states
-from policies.network_policy import NetworkPolicy
 from policies.storage.policy_file import DESCRIPTION, SCHEMA, WEIGHTS, load_policy, save_policy
 from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum
+from tests.policies.random_policy import random_policy
 
 MODEL = Model(RodPendulum(2.0, 1.5), (Delay(T=0.12), Coulomb(0.2)), dt=0.04, u_max=1.7)
 
 
-def policy(history=2, hidden=(8, 6), seed=0):
-    rng = np.random.default_rng(seed)
-    sizes = [3 + history, *hidden, 1]
-    layers = tuple(
-        (rng.normal(size=pair).astype(np.float32), rng.normal(size=pair[1]).astype(np.float32))
-        for pair in pairwise(sizes)
-    )
-    return NetworkPolicy(layers, 1.7, history)
-
-
 @pytest.fixture
 def folder(tmp_path):
-    save_policy(policy(), MODEL, tmp_path / "policy", {"seeds": [0]})
+    save_policy(random_policy(), MODEL, tmp_path / "policy", {"seeds": [0]})
     return tmp_path / "policy"
 
 
 @pytest.mark.parametrize("history", [0, 2])
 def test_a_policy_commands_the_same_after_reading(tmp_path, history):
-    before = policy(history)
+    before = random_policy(history)
     save_policy(before, MODEL, tmp_path / "policy", {"seeds": [3]})
     saved = load_policy(tmp_path / "policy")
     assert (saved.policy.u_max, saved.policy.history, saved.about["seeds"]) == (1.7, history, [3])
@@ -58,11 +47,6 @@ def test_a_policy_is_read_and_judged_without_torch(folder):
     root = Path(__file__).parents[2]
     done = subprocess.run([sys.executable, "-c", code, folder], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
-
-
-def test_a_second_policy_replaces_the_first(folder):
-    save_policy(policy(seed=1), MODEL, folder, {})
-    assert np.array_equal(load_policy(folder).policy.layers[0][0], policy(seed=1).layers[0][0])
 
 
 def changed(folder, **entries):
@@ -126,7 +110,7 @@ def test_weights_that_do_not_fit_are_refused(folder, others, message):
 
 
 def test_weights_of_another_policy_are_noticed(folder, tmp_path):
-    save_policy(policy(seed=1), MODEL, tmp_path / "other", {})
+    save_policy(random_policy(seed=1), MODEL, tmp_path / "other", {})
     (folder / WEIGHTS).write_bytes((tmp_path / "other" / WEIGHTS).read_bytes())
     with pytest.raises(InvalidInput, match=r"policy\.safetensors is not the file that policy\.json was written with"):
         load_policy(folder)
@@ -158,4 +142,4 @@ def test_what_is_not_there_and_what_cannot_be_written_are_named(folder, tmp_path
         load_policy(folder)
     (tmp_path / "file").touch()
     with pytest.raises(InvalidInput, match="cannot write"):
-        save_policy(policy(), MODEL, tmp_path / "file", {})
+        save_policy(random_policy(), MODEL, tmp_path / "file", {})

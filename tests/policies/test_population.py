@@ -191,16 +191,6 @@ def test_a_light_pendulum_is_learned():
     assert max(before) < -1000.0 and min(after) > -120.0, (before, after)
 
 
-def test_a_foreign_file_is_refused(tmp_path):
-    path = tmp_path / "population.pt"
-    path.write_bytes(b"not a checkpoint")
-    with pytest.raises(InvalidInput, match="not a checkpoint"):
-        resumed(path)
-    torch.save([1, 2], path)
-    with pytest.raises(InvalidInput, match="not a checkpoint"):
-        resumed(path)
-
-
 class Trap:
     """Leaves a trace where a reader lets a file execute."""
 
@@ -211,11 +201,14 @@ class Trap:
         return open, (str(self.trace), "w")
 
 
-def test_nothing_in_a_checkpoint_is_executed(tmp_path):
+def test_a_foreign_file_is_refused_and_nothing_in_it_is_executed(tmp_path):
     path, trace = tmp_path / "population.pt", tmp_path / "executed"
-    torch.save({"version": Trap(trace)}, path)
-    with pytest.raises(InvalidInput, match="not a checkpoint"):
-        resumed(path)
+    path.write_bytes(b"not a checkpoint")
+    for content in (None, [1, 2], {"version": Trap(trace)}):
+        if content is not None:
+            torch.save(content, path)
+        with pytest.raises(InvalidInput, match="not a checkpoint"):
+            resumed(path)
     assert not trace.exists()
 
 

@@ -19,10 +19,6 @@ from sysid import InvalidInput, Model, RodPendulum
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)
 
 
-def returns_of(said):
-    return said[1]
-
-
 def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     model, heard = paper_model(0.3, 0.6), []
     training = train(model, Fixed(), SHORT, [0, 1, 2], 1, lambda *said: heard.append(said))
@@ -34,10 +30,10 @@ def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     assert training.best == int(np.argmax(returns))
     np.testing.assert_array_equal(training.policy.layers[0][0], population.policies()[training.best].layers[0][0])
     assert [steps for steps, returns, *_ in heard if returns] == list(range(43, 431, 43))
-    (first,) = (said for said in heard if not returns_of(said))
+    (first,) = (said for said in heard if not said[1])
     assert first[0] == 150 and first[2] + first[3] > 0.0 and heard[-1][3] == 0.0
     assert [[step for step, _ in curve] for curve in training.curves] == [[200, 400]] * 3
-    means = [returns_of(said) for said in heard if returns_of(said) and np.isfinite(said[1][0])]
+    means = [said[1] for said in heard if said[1] and np.isfinite(said[1][0])]
     np.testing.assert_allclose(np.transpose(means), [[value for _, value in curve] for curve in training.curves])
     assert not set(starts[0]) & set(fresh_start_states(0, 200)[0])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from policies.environments.random_streams import Purpose
+from policies.environments.random_streams import Purpose, generator
 from policies.training.random_blocks import RandomBlocks
 
 
@@ -21,18 +21,13 @@ def numbers(blocks, steps):
 
 
 def test_numbers_do_not_depend_on_the_order_of_asking():
-    forward, backward = (
-        RandomBlocks((1, 2), Purpose.LOSS, draw, length=10),
-        RandomBlocks((1, 2), Purpose.LOSS, draw, length=10),
-    )
+    forward, backward = (RandomBlocks((1, 2), Purpose.LOSS, draw, length=10) for _ in range(2))
     ascending = numbers(forward, range(35))
     np.testing.assert_array_equal(ascending, numbers(backward, reversed(range(35)))[::-1])
     assert len(np.unique(ascending)) == ascending.size
 
 
-def test_neighbours_change_nothing_and_a_shared_seed_shares_its_numbers():
-    together, alone = RandomBlocks((1, 2, 3, 2), Purpose.LOSS, draw), RandomBlocks((2,), Purpose.LOSS, draw)
-    of_all, of_one = numbers(together, [123])[0], numbers(alone, [123])[0]
-    np.testing.assert_array_equal(of_all[1], of_one[0])
-    np.testing.assert_array_equal(of_all[3], of_one[0])
-    assert (of_all[0] != of_all[1]).all()
+def test_seeds_purposes_and_blocks_have_streams_of_their_own():
+    firsts = [generator(s, p, b).random() for s in (0, 1) for p in Purpose for b in (0, 1)]
+    assert len(set(firsts)) == len(firsts)
+    assert generator(1, Purpose.LOSS, 3).random() == generator(1, Purpose.LOSS, 3).random()

@@ -22,17 +22,11 @@ def data(agents, batch, seed=0, observation_size=3, action_size=1):
     drawn = []
     for a in range(agents):
         rng = np.random.default_rng(seed + a)
-        drawn.append(
-            (
-                rng.standard_normal((batch, observation_size)),
-                rng.uniform(-1.0, 1.0, (batch, action_size)),
-                rng.standard_normal((batch, 1)) - 3.0,
-                rng.standard_normal((batch, observation_size)),
-                rng.random((batch, 1)) < 0.3,
-                rng.standard_normal((batch, action_size)),
-                rng.standard_normal((batch, action_size)),
-            )
-        )
+        seen, acted = (batch, observation_size), (batch, action_size)
+        observation, action = rng.standard_normal(seen), rng.uniform(-1.0, 1.0, acted)
+        reward, following = rng.standard_normal((batch, 1)) - 3.0, rng.standard_normal(seen)
+        terminated, noises = rng.random((batch, 1)) < 0.3, [rng.standard_normal(acted) for _ in range(2)]
+        drawn.append((observation, action, reward, following, terminated, *noises))
     stacked = [np.stack(column) for column in zip(*drawn, strict=True)]
     numbers = [torch.from_numpy(c if c.dtype == bool else c.astype(np.float32)) for c in stacked]
     return transitions(*numbers)
@@ -176,14 +170,6 @@ def test_gradients_are_those_of_sacloss(hidden, actions, process):
         sac.update(batch)
 
 
-def test_the_pass_over_both_critics_is_sacloss_own_loop():
-    loss, batch = Learner((0, 1, 2), SMALL).loss, data(3, 8)
-    fast, _ = loss.qvalue_v2_loss(batch)
-    loss._make_vmap()
-    own, _ = loss.qvalue_v2_loss(batch)
-    torch.testing.assert_close(fast, own)
-
-
 def test_torchrl_calls_it_as_any_of_its_losses():
     """The losses of one call, whose gradients are the loop's: the critics' before they have learned."""
     loss, batch = Learner((0, 1, 2), SMALL).loss, data(3, 8)
@@ -227,17 +213,8 @@ def probe(settings, reward, terminated, steps):
     for _ in range(steps):
         action = 2.0 * torch.rand(seen.shape, generator=rng) - 1.0
         noise, next_noise = torch.randn((2, *seen.shape), generator=rng)
-        sac.update(
-            transitions(
-                seen,
-                action,
-                reward(action),
-                seen,
-                torch.full_like(seen, terminated, dtype=torch.bool),
-                noise,
-                next_noise,
-            )
-        )
+        ended = torch.full_like(seen, terminated, dtype=torch.bool)
+        sac.update(transitions(seen, action, reward(action), seen, ended, noise, next_noise))
     return sac
 
 
@@ -250,14 +227,13 @@ def q_values(sac, action):
     return (torch.relu(x @ w0 + b0) @ w1 + b1).flatten().tolist()
 
 
-def test_probe_of_one_terminal_step_is_worth_its_reward():
-    sac = probe(COLD, lambda action: torch.full_like(action, -1.0), terminated=True, steps=400)
-    assert q_values(sac, 0.2) == pytest.approx([-1.0] * 4, abs=0.05)
-
-
-def test_probe_of_an_endless_reward_is_worth_the_discounted_sum():
-    sac = probe(COLD, torch.ones_like, terminated=False, steps=400)
-    assert q_values(sac, -0.4) == pytest.approx([1.0 / (1.0 - 0.5)] * 4, abs=0.05)
+@pytest.mark.parametrize(("reward", "terminated", "worth"), [(-1.0, True, -1.0), (1.0, False, 1.0 / (1.0 - 0.5))])
+def test_probe_of_one_terminal_step_is_worth_its_reward_and_an_endless_one_the_discounted_sum(
+    reward, terminated, worth
+):
+    sac = probe(COLD, lambda action: torch.full_like(action, reward), terminated, steps=400)
+    for action in (0.2, -0.4):
+        assert q_values(sac, action) == pytest.approx([worth] * 4, abs=0.05)
 
 
 def test_probe_with_one_best_action_finds_it():

@@ -37,6 +37,11 @@ def shifted(value):
     return lambda o: dataclasses.replace(o, mean=o.mean + value)
 
 
+def at_main(ours, theirs, preset=PAPER):
+    """The agreement of that cell."""
+    return next(c for c in Agreement(ours, theirs, preset).cells if c.spot == MAIN)
+
+
 @pytest.fixture(scope="module")
 def theirs():
     return invented(scatter=40.0)
@@ -52,7 +57,7 @@ def test_the_same_runs_agree_everywhere(theirs):
 def test_pairing_finds_what_scatter_between_seeds_hides(theirs):
     rng = np.random.default_rng(1)
     ours = moved(theirs, lambda o: dataclasses.replace(o, mean=o.mean - 30.0 + rng.normal(0.0, 2.0)), MAIN)
-    paired, unpaired = (next(c for c in Agreement(ours, side).cells if c.spot == MAIN) for side in (theirs, None))
+    paired, unpaired = (at_main(ours, side) for side in (theirs, None))
     assert (paired.verdict, paired.difference.mean) == (DIFFERS, pytest.approx(-30.0, abs=2.0))
     assert "paired over 10 seeds" in paired.basis
     assert unpaired.verdict in (OPEN, DIFFERS)
@@ -61,22 +66,19 @@ def test_pairing_finds_what_scatter_between_seeds_hides(theirs):
 
 
 def test_a_small_but_certain_difference_is_the_same_and_a_wide_interval_is_open(theirs):
-    tiny = Agreement(moved(theirs, shifted(0.2 * MARGIN), MAIN), theirs)
-    assert next(c for c in tiny.cells if c.spot == MAIN).verdict == SAME
+    assert at_main(moved(theirs, shifted(0.2 * MARGIN), MAIN), theirs).verdict == SAME
     rng = np.random.default_rng(2)
-    loud = Agreement(moved(theirs, lambda o: dataclasses.replace(o, mean=o.mean + rng.normal(0.0, 90.0)), MAIN), theirs)
-    assert next(c for c in loud.cells if c.spot == MAIN).verdict == OPEN
+    loud = moved(theirs, lambda o: dataclasses.replace(o, mean=o.mean + rng.normal(0.0, 90.0)), MAIN)
+    assert at_main(loud, theirs).verdict == OPEN
 
 
 def test_nothing_is_paired_whose_estimates_or_starts_are_others(theirs):
     elsewhere = moved(theirs, lambda o: dataclasses.replace(o, theta_hat=(2.145, 1.5)), MAIN, seeds={4})
-    cell = next(c for c in Agreement(elsewhere, theirs).cells if c.spot == MAIN)
-    assert cell.basis.endswith("other theta_hat at seed 4")
+    assert at_main(elsewhere, theirs).basis.endswith("other theta_hat at seed 4")
     rounded = moved(theirs, lambda o: dataclasses.replace(o, theta_hat=(2.1 + 1e-12, 1.5)))
     assert all(c.basis.startswith("paired") for c in Agreement(rounded, theirs).cells)
-    assert all(
-        "start states" in c.basis for c in Agreement(theirs, theirs, dataclasses.replace(PAPER, episodes=5)).cells
-    )
+    others = Agreement(theirs, theirs, dataclasses.replace(PAPER, episodes=5))
+    assert all("start states" in c.basis for c in others.cells)
 
 
 def test_one_unlucky_seed_is_named_as_the_reason(theirs):
@@ -85,9 +87,9 @@ def test_one_unlucky_seed_is_named_as_the_reason(theirs):
     unlucky = moved(ours, shifted(-400.0), MAIN, seeds={7})
     spread = moved(unlucky, shifted(-20.0), MAIN)
     for runs, single in ((unlucky, True), (spread, False)):
-        cell = next(c for c in Agreement(runs, theirs).cells if c.spot == MAIN)
-        assert cell.outlier.seed == 7
-        assert cell.outlier.rest.significant != single
+        outlier = at_main(runs, theirs).outlier
+        assert outlier.seed == 7
+        assert outlier.rest.significant != single
 
 
 def test_reasons_name_what_was_trained_otherwise(theirs):
@@ -97,12 +99,7 @@ def test_reasons_name_what_was_trained_otherwise(theirs):
         ({"steps": 30_000}, "30,000 training steps instead of 75,000"),
         ({}, "not found"),
     ):
-        assert (
-            words
-            in next(
-                c for c in Agreement(ours, theirs, dataclasses.replace(PAPER, **settings)).cells if c.spot == MAIN
-            ).reason
-        )
+        assert words in at_main(ours, theirs, dataclasses.replace(PAPER, **settings)).reason
 
 
 def test_contrasts_agree_by_sign_and_significance():

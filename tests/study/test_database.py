@@ -6,33 +6,22 @@ import os
 import sqlite3
 import subprocess
 import sys
-from dataclasses import dataclass
 
 import pytest
 
+from study.paper.presets import SMOKE
 from study.pipeline.database import Database
-from study.pipeline.settings import StudySettings
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_plan import Case
 from sysid import InvalidInput
 
-
-@dataclass(frozen=True)
-class Plan(StudySettings):
-    """The least that a results folder can be tied to."""
-
-    name: str = "trial"
-    steps: int = 1200
-    layout = 1
-
-
-TIED, OUTPUTS = Plan(), ("cases.csv", "policies")
+OUTPUTS = ("cases.csv", "policies")
 ITEM = CaseRound(Case("coulomb", "encoder", "c", 5, 1), 0, {"verdict": "coulomb"}, 7.5)
 LARGE = dataclasses.replace(ITEM, case=ITEM.case._replace(seed=2), payload={"steps": [1] * 700_000})
 """2 MB."""
 
 
-def opened(folder, settings=TIED, device="cpu"):
+def opened(folder, settings=SMOKE, device="cpu"):
     return Database(folder, settings, (STEPS,), OUTPUTS, device)
 
 
@@ -60,18 +49,10 @@ def test_what_breaks_in_a_transaction_leaves_nothing(tmp_path):
 
 KILLED = """
 import os, sys
-from dataclasses import dataclass
 from pathlib import Path
+from study.paper.presets import SMOKE
 from study.pipeline.database import Database
-from study.pipeline.settings import StudySettings
-
-@dataclass(frozen=True)
-class Plan(StudySettings):
-    name: str = "trial"
-    steps: int = 1200
-    layout = 1
-
-database = Database(Path(sys.argv[1]), Plan())
+database = Database(Path(sys.argv[1]), SMOKE)
 with database.transaction() as db:
     db.execute("INSERT INTO meta VALUES ('first', '1')")
 with database.transaction() as db:
@@ -82,34 +63,32 @@ with database.transaction() as db:
 
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
-    with Database(tmp_path, TIED) as database:
+    with Database(tmp_path, SMOKE) as database:
         kept = {key for (key,) in database.db.execute("SELECT key FROM meta")}
     assert "first" in kept and "second" not in kept
 
 
-def test_a_folder_of_another_name_is_refused_and_left_alone(tmp_path):
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"name": "other"}, f"preset '{SMOKE.name}', expected 'other'"),
+        ({"steps": 700}, rf"preset '{SMOKE.name}' \(steps = {SMOKE.steps}, now 700\)"),
+    ],
+)
+def test_a_folder_of_another_name_or_other_settings_is_refused_and_left_alone(tmp_path, other, told):
     with opened(tmp_path) as store:
         store.add(STEPS, [ITEM])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=f"preset '{TIED.name}', expected 'other'"):
-        opened(tmp_path, dataclasses.replace(TIED, name="other"))
-    assert contents(tmp_path) == before
-
-
-def test_a_folder_of_other_settings_is_refused_and_left_alone(tmp_path):
-    with opened(tmp_path) as store:
-        store.add(STEPS, [ITEM])
-    before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=rf"preset '{TIED.name}' \(steps = 1200, now 700\)"):
-        opened(tmp_path, dataclasses.replace(TIED, steps=700))
+    with pytest.raises(InvalidInput, match=told):
+        opened(tmp_path, dataclasses.replace(SMOKE, **other))
     assert contents(tmp_path) == before
 
 
 def test_a_folder_of_another_device_is_refused(tmp_path):
-    opened(tmp_path, TIED, "cuda:0").close()
-    opened(tmp_path, TIED, "cuda:1").close()
+    opened(tmp_path, SMOKE, "cuda:0").close()
+    opened(tmp_path, SMOKE, "cuda:1").close()
     with pytest.raises(InvalidInput, match="go on with --device cuda"):
-        opened(tmp_path, TIED, "cpu")
+        opened(tmp_path, SMOKE, "cpu")
 
 
 @pytest.mark.parametrize(("key", "label"), [("gapfinder", "gapfinder version"), ("format", "format")])
@@ -154,21 +133,16 @@ def test_a_database_that_another_program_locks_later_is_told(tmp_path):
         assert store.all(STEPS) == [ITEM]
 
 
-def test_a_database_that_became_read_only_is_told(tmp_path):
-    with opened(tmp_path) as store:
-        store.add(STEPS, [ITEM])
-        store.db.execute("PRAGMA query_only = ON")
-        with pytest.raises(OSError, match=r"results.sqlite cannot be written \(attempt to write a readonly database\)"):
-            store.add(STEPS, [LARGE])
-        assert store.all(STEPS) == [ITEM]
-
-
-def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path):
+@pytest.mark.parametrize(
+    ("pragma", "told"),
+    [("query_only = ON", "attempt to write a readonly database"), ("max_page_count = {}", "database or disk is full")],
+)
+def test_a_database_that_becomes_read_only_or_a_full_disk_is_told_and_nothing_is_lost(tmp_path, pragma, told):
     with opened(tmp_path) as store:
         store.add(STEPS, [ITEM])
         pages = store.db.execute("PRAGMA page_count").fetchone()[0]
-        store.db.execute(f"PRAGMA max_page_count = {pages + 3}")
-        with pytest.raises(OSError, match=r"results.sqlite cannot be written \(database or disk is full\)"):
+        store.db.execute(f"PRAGMA {pragma.format(pages + 3)}")
+        with pytest.raises(OSError, match=rf"results.sqlite cannot be written \({told}\)"):
             store.add(STEPS, [LARGE])
         assert store.all(STEPS) == [ITEM]
     with opened(tmp_path) as store:
@@ -185,11 +159,11 @@ def test_foreign_files_are_not_overwritten(name, tmp_path):
 
 
 def test_a_database_that_another_program_locks_is_refused(tmp_path):
-    Database(tmp_path, TIED).close()
+    Database(tmp_path, SMOKE).close()
     other = sqlite3.connect(tmp_path / "results.sqlite", isolation_level=None)
     other.execute("BEGIN EXCLUSIVE")
     with pytest.raises(InvalidInput, match="locked by another process"):
-        Database(tmp_path, TIED)
+        Database(tmp_path, SMOKE)
     other.close()
 
 
@@ -197,7 +171,7 @@ def test_a_database_that_another_program_locks_is_refused(tmp_path):
 def test_a_file_that_is_no_database_is_refused(tmp_path, content):
     (tmp_path / "results.sqlite").write_bytes(content)
     with pytest.raises(InvalidInput, match="not a database of this study"):
-        Database(tmp_path, TIED)
+        Database(tmp_path, SMOKE)
     assert contents(tmp_path) == {"results.sqlite": content}
 
 
@@ -207,17 +181,17 @@ def test_a_database_of_something_else_is_refused(tmp_path):
     other.close()
     before = contents(tmp_path)
     with pytest.raises(InvalidInput, match="something else"):
-        Database(tmp_path, TIED)
+        Database(tmp_path, SMOKE)
     assert contents(tmp_path) == before
 
 
 def test_a_file_or_an_unwritable_place_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput, match="is a file"):
-        Database(tmp_path / "file", TIED)
+        Database(tmp_path / "file", SMOKE)
     with pytest.raises(InvalidInput, match="cannot be made"):
-        Database(tmp_path / "file" / "below", TIED)
+        Database(tmp_path / "file" / "below", SMOKE)
     if os.geteuid() != 0:
         (tmp_path / "shut").mkdir(mode=0o500)
         with pytest.raises(InvalidInput, match="not writable"):
-            Database(tmp_path / "shut", TIED)
+            Database(tmp_path / "shut", SMOKE)

@@ -25,7 +25,7 @@ from study.mismatch.effect_cost import (
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.trials.ground_truth import BLUNT, design, hidden_machine
 from study.trials.hidden_plant import ALL_PLANTS
-from sysid import CATALOGUE, DynamicEffect, InvalidInput, State
+from sysid import CATALOGUE, DynamicEffect, State
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
 LINE = Magnitude("viscous", "b", "N m s/rad", 0.8, lambda s: {"b": s})
@@ -38,16 +38,8 @@ def bench():
 
 def row(magnitude, size, percent):
     zero = {f.name: 0.0 for f in dataclasses.fields(LossRow)}
-    return LossRow(
-        **{
-            **zero,
-            "effect": magnitude.effect,
-            "size": size,
-            "unit": magnitude.unit,
-            "aware": -400.0,
-            "percent": percent,
-        }
-    )
+    own = {"effect": magnitude.effect, "size": size, "unit": magnitude.unit, "aware": -400.0, "percent": percent}
+    return LossRow(**zero | own)
 
 
 def test_every_effect_of_the_catalogue_is_asked_for_but_these():
@@ -136,11 +128,8 @@ def test_where_nothing_is_lost_nothing_is_looked_for():
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
-    rows = [
-        row(MAGNITUDES["lag"], 0.123, 4.5),
-        row(MAGNITUDES["coulomb"], 0.5, -0.25),
-        row(MAGNITUDES["coulomb"], 0.25, 0.0),
-    ]
+    lag, coulomb = MAGNITUDES["lag"], MAGNITUDES["coulomb"]
+    rows = [row(lag, 0.123, 4.5), row(coulomb, 0.5, -0.25), row(coulomb, 0.25, 0.0)]
     write_losses(tmp_path / LOSS_TABLE, rows)
     assert read_losses(tmp_path / LOSS_TABLE) == [rows[2], rows[1], rows[0]]
     assert read_losses(tmp_path / "none.csv") == []
@@ -173,8 +162,6 @@ def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
     message = capsys.readouterr().err
     assert message.startswith("error: ") and message.count("\n") == 1
     assert (tmp_path / LOSS_TABLE).read_text() == "a,b\n1,2\n"
-    with pytest.raises(InvalidInput, match="no column 'effect'"):
-        read_losses(tmp_path / LOSS_TABLE)
 
 
 def test_the_sizes_that_the_experiment_hides_cost_what_its_plan_says():
@@ -196,9 +183,7 @@ def test_the_table_that_losses_are_measured_with_stands_for_agents_better_than_f
 
 
 def test_the_shipped_table_is_whole():
-    with (EFFECT_COST_FOLDER / LOSS_TABLE).open(newline="") as file:
-        sizes = {}
-        for line in csv.DictReader(file):
-            sizes.setdefault(line["effect"], []).append(float(line["size"]))
+    rows = read_losses(EFFECT_COST_FOLDER / LOSS_TABLE)
     for name, magnitude in MAGNITUDES.items():
-        assert sizes[name][0] == 0.0 and sizes[name][-1] == pytest.approx(magnitude.largest) and len(sizes[name]) >= 9
+        sizes = [r.size for r in rows if r.effect == name]
+        assert sizes[0] == 0.0 and sizes[-1] == pytest.approx(magnitude.largest) and len(sizes) >= 9

@@ -60,6 +60,7 @@ def test_merging_adds_cells_and_replaces_none():
         ((), "n,w,seed", "no column 'id_error'"),
         (("0,0.5,x,1.1,-700,1.0,1.0",), HEADER, "line 2"),
         (("0,0.5,1,1.1,nan,1.0,1.0",), HEADER, "NaN"),
+        (("0,0.5,1,1.1,-700,inf,1.0",), HEADER, "infinity"),
         (("0,0.5",), HEADER, "line 2 does not hold the numbers of a row"),
         (("0,0.5,1,1.1,-700,1,1", "0,0.5,1,1.1,-700,1,1"), HEADER, "seed 1 comes twice"),
     ],
@@ -80,3 +81,5 @@ def test_folders_without_any_of_the_files_are_refused_before_anything_runs(tmp_p
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="not a table"):
         read_runs(tmp_path / "binary.csv")
+    with pytest.raises(InvalidInput, match="no such file"):
+        read_runs(tmp_path / "missing.csv")

@@ -16,23 +16,20 @@ def test_without_rollouts_there_is_the_prior():
     assert identify(MAIN, 0, 3) == MAIN.prior
 
 
+def error(seeds, **changes):
+    """The distances of so many estimates from the truth together, after two rollouts each."""
+    point = dataclasses.replace(MAIN, **changes)
+    return sum(math.dist(identify(point, 2, seed), point.truth) for seed in range(seeds))
+
+
 def test_least_squares_and_the_kalman_filter_come_closer_than_the_grid_from_the_same_rollouts():
-    errors = {
-        name: sum(math.dist(identify(dataclasses.replace(MAIN, identifier=name), 2, s), MAIN.truth) for s in (0, 1, 2))
-        for name in ("grid", "least_squares", "unscented")
-    }
-    assert 4.0 * max(errors["least_squares"], errors["unscented"]) < errors["grid"]
+    grid, *others = (error(3, identifier=name) for name in ("grid", "least_squares", "unscented"))
+    assert 4.0 * max(others) < grid
 
 
 def test_a_noisier_sensor_makes_a_worse_estimate():
-    errors = [
-        sum(
-            math.dist(identify(dataclasses.replace(MAIN, identifier="least_squares", sigma=sigma), 2, s), MAIN.truth)
-            for s in range(4)
-        )
-        for sigma in (0.1, 1.0)
-    ]
-    assert errors[0] < errors[1]
+    quiet, loud = (error(4, identifier="least_squares", sigma=sigma) for sigma in (0.1, 1.0))
+    assert quiet < loud
 
 
 def test_a_task_estimates_every_budget_of_its_seed():

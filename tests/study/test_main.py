@@ -1,10 +1,7 @@
 """The command line: answers at once, refuses bad input, and leaves an answer that can be looked up."""
 
-import csv
-import json
 import re
 import resource
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -13,27 +10,18 @@ import pytest
 
 from study.main import main
 from study.paper.presets import SMOKE
-from sysid.version import installed_version
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def command(*arguments):
-    return [sys.executable, "-m", "study.main", *map(str, arguments)]
-
-
-def study(*arguments, timeout=120):
-    return subprocess.run(command(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
+def study(*arguments):
+    words = [sys.executable, "-m", "study.main", *map(str, arguments)]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
 
 
 def children_seconds():
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-def rows(folder):
-    with (folder / "runs.csv").open() as file:
-        return [{k: v for k, v in row.items() if k != "wall_time_s"} for row in csv.DictReader(file)]
 
 
 def test_help_answers_within_half_a_second():
@@ -94,7 +82,6 @@ def undisturbed(tmp_path_factory):
     return folder, answer.stdout
 
 
-@pytest.mark.long
 def test_a_study_ends_with_its_answer_and_files(undisturbed):
     folder, said = undisturbed
     assert "What were the first rollouts worth?" in said
@@ -105,7 +92,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
         "heatmap.png", "pareto.png", "curves.png", "policies",
         "published_heatmap.png", "published_pareto.png",
     }  # fmt: skip
-    assert len(rows(folder)) == len(SMOKE.cells)
+    assert (folder / "runs.csv").read_text().count("\n") == 1 + len(SMOKE.cells)
 
 
 @pytest.mark.long
@@ -116,27 +103,3 @@ def test_a_finished_study_is_only_drawn_again(undisturbed):
     assert study("--preset", "smoke", "--out", folder).returncode == 0
     assert (folder / "heatmap.png").exists()
     assert (folder / "results.sqlite").read_bytes() == database
-
-
-def test_study_json_says_what_the_tables_depend_on(undisturbed):
-    folder, _ = undisturbed
-    record = json.loads((folder / "study.json").read_text())
-    assert record["runs"] == len(SMOKE.cells) and record["fingerprint"] == SMOKE.fingerprint
-    assert record["versions"]["gapfinder"] == installed_version("gapfinder") and record["worker_hours"] > 0.0
-
-
-def test_references_of_the_smallest_grid_are_near_the_optimum(undisturbed):
-    folder, _ = undisturbed
-    with (folder / "references.csv").open() as file:
-        returns = {row["controller"]: float(row["return_mean"]) for row in csv.DictReader(file)}
-    assert returns["optimal"] > returns["swing_up_lqr"] > returns["lqr"]
-
-
-def test_every_run_keeps_what_its_number_depends_on(undisturbed):
-    folder, _ = undisturbed
-    with sqlite3.connect(folder / "results.sqlite") as db:
-        for returns, curve, settings, versions in db.execute("SELECT returns, curve, settings, versions FROM runs"):
-            assert returns.count(",") == SMOKE.episodes - 1
-            assert curve.count("[") == 1 + SMOKE.steps // 200
-            assert all(f'"{name}"' in settings for name in ("polyak", "gamma", "randomization", "sigma", "truth"))
-            assert all(f'"{name}"' in versions for name in ("torch", "torchrl", "numpy", "python"))

@@ -6,41 +6,28 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from policies.training.population import NetworkPolicy
 from study.paper.presets import Cell
 from study.paper.protocol import paper_model
 from study.pipeline.population_task import read_policies, write_policies
 from sysid import InvalidInput
+from tests.policies.random_policy import random_policy
 
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))
 
 
-def policy(rng, history=0):
-    sizes = [(3 + history, 4), (4, 1)]
-    layers = tuple((rng.normal(size=s).astype(np.float32), rng.normal(size=s[1]).astype(np.float32)) for s in sizes)
-    return NetworkPolicy(layers, 2.0, history)
-
-
-def test_policies_command_the_same_after_reading(tmp_path):
-    policies = [policy(np.random.default_rng(seed)) for seed in (0, 1)]
+@pytest.mark.parametrize(("names", "history"), [(CELLS, 0), (("4f2a", "77b0"), 2)])
+def test_policies_command_the_same_after_reading(tmp_path, names, history):
+    policies = [random_policy(history, seed=seed) for seed in (0, 1)]
     path = tmp_path / "policies" / "population_1.npz"
-    write_policies(path, CELLS, policies)
+    write_policies(path, names, policies)
     found = read_policies(path)
-    assert tuple(found) == CELLS
+    assert tuple(found) == names
     state = paper_model().initial_state(np.linspace(-3.0, 3.0, 9), np.linspace(-8.0, 8.0, 9))
+    past = np.random.default_rng(2).uniform(-2.0, 2.0, (9, history))
     for before, after in zip(policies, found.values(), strict=True):
-        assert np.array_equal(before(state, 0.0), after(state, 0.0))
-    assert not np.array_equal(policies[0](state, 0.0), policies[1](state, 0.0))
-
-
-def test_policies_that_see_past_commands_come_back_by_name(tmp_path):
-    before = policy(np.random.default_rng(0), history=2)
-    write_policies(tmp_path / "policies.npz", ["4f2a"], [before])
-    after = read_policies(tmp_path / "policies.npz")["4f2a"]
-    state = paper_model().initial_state(np.array([0.3]), np.array([-1.0]))
-    past = np.array([[2.0, -1.0]])
-    assert after.history == 2
-    assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
+        assert after.history == history
+        assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
+    assert not np.array_equal(*(own(state, 0.0, past) for own in policies))
 
 
 def test_a_file_that_would_run_code_or_is_none_is_refused(tmp_path):

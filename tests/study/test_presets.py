@@ -1,40 +1,32 @@
 """Presets: what the issue asks for, and a partition that depends on nothing else."""
 
 import dataclasses
+from collections import Counter
 
 import pytest
 
 from study.paper.presets import PAPER, PRESETS, QUICK, Cell
+from study.paper.published_numbers import CELLS, Spot
 
 
-def grid(preset, name="main"):
-    point = preset.point(name)
-    return point.budgets, point.widths, len(point.seeds)
+def test_quick_is_a_small_grid_on_the_papers_plant():
+    (point,) = QUICK.points
+    assert (point.budgets, point.widths, len(point.seeds)) == ((0, 5, 50), (0.0, 0.5), 3)
+    assert (point.truth, point.prior, point.sigma) == ((2.0, 1.5), (1.0, 1.0), 1.0)
+    assert (QUICK.hidden, QUICK.steps, QUICK.episodes) == ((64, 64), 30_000, 20)
+    assert (PAPER.hidden, PAPER.steps, PAPER.episodes) == ((256, 256), 75_000, 20)
 
 
-def test_quick_and_paper_are_the_grids_of_the_paper():
-    assert grid(QUICK) == ((0, 5, 50), (0.0, 0.5), 3)
-    assert (QUICK.hidden, QUICK.steps) == ((64, 64), 30_000)
-    assert (PAPER.hidden, PAPER.steps) == ((256, 256), 75_000)
-    for preset in (PAPER, PRESETS["paper-small"]):
-        assert grid(preset) == ((0, 5, 10, 25, 50), (0.0, 0.1, 0.2, 0.3, 0.5), 10)
-    for preset in (QUICK, PAPER):
-        (point,) = preset.points
-        assert (point.truth, point.prior, point.sigma, preset.episodes) == ((2.0, 1.5), (1.0, 1.0), 1.0, 20)
-
-
-@pytest.mark.parametrize("name", ["robustness", "robustness-small"])
-def test_robustness_is_the_papers_table_and_its_prior_range(name):
-    preset = PRESETS[name]
-    for gap, truth in (("small_gap", (1.5, 1.2)), ("large_gap", (2.5, 2.0))):
-        assert grid(preset, gap) == ((0, 10, 50), (0.0, 0.2, 0.5), 5)
-        assert preset.point(gap).truth == truth
-    for noise, sigma in (("low_noise", 0.5), ("high_noise", 2.0)):
-        assert grid(preset, noise) == ((0, 5, 10, 25, 50), (0.0, 0.5), 5)
-        assert preset.point(noise).sigma == sigma
-    assert grid(preset, "prior_range") == ((0,), (0.5,), 10)
-    assert preset.companion in PRESETS
-    assert len(preset.cells) == 200
+@pytest.mark.parametrize("size", ["", "-small"])
+def test_paper_and_robustness_are_the_published_cells_and_plants(size):
+    presets = [PRESETS[f"{name}{size}"] for name in ("paper", "robustness")]
+    cells = Counter(Spot(*cell[:3]) for preset in presets for cell in preset.cells)
+    assert cells == {spot: cell.seeds for spot, cell in CELLS.items()}
+    truths, sigmas = {"small_gap": (1.5, 1.2), "large_gap": (2.5, 2.0)}, {"low_noise": 0.5, "high_noise": 2.0}
+    for point in (point for preset in presets for point in preset.points):
+        found = point.truth, point.prior, point.sigma
+        assert found == (truths.get(point.name, (2.0, 1.5)), (1.0, 1.0), sigmas.get(point.name, 1.0))
+    assert presets[1].companion == presets[0].name
 
 
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)

@@ -84,14 +84,6 @@ def test_rollouts_do_not_depend_on_how_many_follow():
     assert paper_rollouts(paper_model(), 0, np.random.default_rng(6)) == []
 
 
-def test_a_step_holds_what_was_read_before_and_after_it():
-    (rollout,) = paper_rollouts(paper_model(), 1, np.random.default_rng(0), length=10)
-    steps = rollout.transitions
-    assert [len(step) for step in steps] == [1] * 10
-    np.testing.assert_array_equal([s.theta_dot for s in steps], np.stack([rollout.before, rollout.after], axis=1))
-    np.testing.assert_array_equal([(s.theta[0], s.u[0]) for s in steps], np.stack([rollout.theta[:-1], rollout.u], 1))
-
-
 def test_an_instant_that_was_read_twice_counts_as_its_mean():
     (rollout,) = paper_rollouts(paper_model(), 1, np.random.default_rng(2), length=20)
     samples = Samples(paper_model(), [rollout.averaged], averaged_sensor(1.0))

@@ -20,6 +20,7 @@ from study.trials.learned_torque import (
     untrained,
 )
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
+from sysid.estimation.held_out import held_out_error
 
 SENSOR = SENSORS["encoder"]
 TRUE = replace(PRIOR, plant=RodPendulum(m=2.0, l=1.5, g=10.0))
@@ -63,13 +64,11 @@ def test_stacked_pendulums_move_as_each_alone():
     together = replace(TRUE, effects=stacked(own))
     theta, theta_dot = torch.tensor([0.1, -2.0, 3.0]).double(), torch.tensor([0.5, -0.2, 0.0]).double()
     state = together.initial_state(theta, theta_dot)
-    alone = [
-        replace(TRUE, effects=e).initial_state(float(a), float(b))
-        for e, a, b in zip(own, theta, theta_dot, strict=True)
-    ]
+    models = [replace(TRUE, effects=effects) for effects in own]
+    alone = [m.initial_state(float(a), float(b)) for m, a, b in zip(models, theta, theta_dot, strict=True)]
     for u in (1.5, -2.0, 0.3, 1.0):
         state = together.advance(state, torch.full((3,), u, dtype=torch.float64))
-        alone = [replace(TRUE, effects=e).advance(s, u) for e, s in zip(own, alone, strict=True)]
+        alone = [m.advance(s, u) for m, s in zip(models, alone, strict=True)]
     np.testing.assert_allclose(state.theta, [s.theta for s in alone], rtol=1e-12)
 
 
@@ -106,8 +105,6 @@ def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly
 
 
 def held(model, records):
-    from sysid.estimation.held_out import held_out_error
-
     return held_out_error(model, records, SENSOR, 1.0).ratio
 
 

@@ -22,10 +22,10 @@ ERRORS = {"grid": 0.8, "least_squares": 0.02, "unscented": 0.1}
 
 
 def runs(names=tuple(RETURNS)):
-    return noisy({name: RETURNS[name] for name in names})
+    return played({name: RETURNS[name] for name in names})
 
 
-def noisy(returns):
+def played(returns):
     rng = np.random.default_rng(0)
     rows = [Run(Cell("prior", 0, 0.0, seed), (1.0, 1.0), 1.1, -770.0) for seed in range(5)]
     for name, values in returns.items():
@@ -82,18 +82,7 @@ def test_saturation_budgets_of_another_width_are_told_beside():
 
 def test_a_saturation_that_ends_again_is_none_yet():
     dipping = {"grid": (-340.0, -600.0, -340.0, -340.0, -340.0, -340.0)}
-    assert budget_curves(altered(dipping))["grid"].saturation == 5
-
-
-def altered(changes):
-    rows = [Run(Cell("prior", 0, 0.0, seed), (1.0, 1.0), 1.1, -770.0) for seed in range(3)]
-    rows += [
-        Run(Cell(name, n, 0.0, seed), (2.0, 1.5), 0.5, value)
-        for name, values in changes.items()
-        for n, value in zip(BUDGETS, values, strict=True)
-        for seed in range(3)
-    ]
-    return outcomes(rows)
+    assert budget_curves(played(dipping))["grid"].saturation == 5
 
 
 def test_nothing_is_said_where_nothing_was_run():

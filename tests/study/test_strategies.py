@@ -162,21 +162,17 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("names", "told"),
     [
-        ("guess", "unknown strategy 'guess': expected one of prior, prior_range, point"),
-        ("absent.py:Mine", "no such file"),
-        (f"{ROOT / 'examples' / 'own_strategy.py'}:Yours", "has no strategy 'Yours'"),
+        (["guess"], "unknown strategy 'guess': expected one of prior, prior_range, point"),
+        (["absent.py:Mine"], "no such file"),
+        ([f"{ROOT / 'examples' / 'own_strategy.py'}:Yours"], "has no strategy 'Yours'"),
+        (["point", "band", "point"], "strategy 'point' was given 2 times: expected each once"),
     ],
 )
-def test_an_unknown_strategy_is_told_in_a_sentence(name, told):
+def test_a_strategy_that_is_unknown_or_named_twice_is_refused_in_a_sentence(names, told):
     with pytest.raises(InvalidInput, match=told):
-        PLANS["strategies"].with_strategies([name])
-
-
-def test_a_strategy_that_is_named_twice_is_refused():
-    with pytest.raises(InvalidInput, match="strategy 'point' was given 2 times: expected each once"):
-        PLANS["strategies"].with_strategies(["point", "band", "point"])
+        PLANS["strategies"].with_strategies(names)
 
 
 @pytest.mark.parametrize("name", [*PLACES, OWN])
@@ -203,9 +199,11 @@ def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
     for plan in PLANS.values():
         assert len(set(plan.cases)) == len(plan.cases)
         for case in plan.cases:
+            assert case.sensing in SENSORS
             strategy_called(case.strategy).check(case.strategy, case.n, case.sensing)
         pairs = {case[:4]: 0 for case in plan.cases}
         assert set(plan.strategies) == {key[2] for key in pairs}
+    assert (DELAY_MEDIUM, "speed") not in PLANS["strategies"].places
     own = set(PLANS["strategies"].seeds)
     others = [*MISMATCH.values(), *(plan for name, plan in PLANS.items() if name != "strategies")]
     assert own.isdisjoint(seed for plan in others for seed in plan.seeds)
@@ -223,8 +221,3 @@ def test_the_example_is_about_twenty_lines():
     source = (ROOT / "examples" / "own_strategy.py").read_text()
     own = source[source.index("class TestedBand") : source.index("def main")]
     assert len([line for line in own.splitlines() if line.strip()]) <= 24
-
-
-def test_sensings_are_the_plans():
-    assert set(PLANS["strategies"].sensings) <= set(SENSORS)
-    assert (DELAY_MEDIUM, "speed") not in PLANS["strategies"].places

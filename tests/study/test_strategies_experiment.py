@@ -144,9 +144,10 @@ def test_foreign_cases_are_refused_and_nothing_is_taken_up(tmp_path, text, messa
         assert not results.all(STEPS)
 
 
-def test_a_folder_of_other_strategies_is_refused(undisturbed):
+def test_a_folder_of_other_strategies_is_refused(tmp_path):
+    trial_results(tmp_path, TINY).close()
     with pytest.raises(InvalidInput, match="holds results of other settings of preset 'tiny'"):
-        attempt(undisturbed[0], Inline(), TINY.with_strategies(["prior", "point"]))
+        attempt(tmp_path, Inline(), TINY.with_strategies(["prior", "point"]))
 
 
 def test_an_agent_that_goes_on_learning_begins_with_what_it_had(tmp_path):

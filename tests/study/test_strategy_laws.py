@@ -109,9 +109,9 @@ def test_bayesian_optimization_finds_the_optimum_of_a_known_function():
 
     x = scattered(4, 3, seed=2)
     y = worth(x)
+    assert np.array_equal(*(improving(x, y, seed=2) for _ in range(2)))
     for _ in range(12):
         proposed = improving(x, y, seed=2)
-        assert np.array_equal(proposed, improving(x, y, seed=2))
         x, y = np.vstack([x, proposed]), np.append(y, worth(proposed))
     best = most_promising(x, y, seed=2)
     assert worth(best) > -355.0
