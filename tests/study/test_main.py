@@ -82,6 +82,7 @@ def undisturbed(tmp_path_factory):
     return folder, answer.stdout
 
 
+@pytest.mark.long
 def test_a_study_ends_with_its_answer_and_files(undisturbed):
     folder, said = undisturbed
     assert "What were the first rollouts worth?" in said
