@@ -177,12 +177,6 @@ def test_bounds_are_kept_and_the_others_fitted_beside_them(
     assert np.max(np.abs(own - beside.values) / sd_of(beside)) < 0.15
 
 
-def test_a_friction_that_is_not_there_is_not_negative() -> None:
-    for records in logs(3, seed=9, s=0.3, model=JOINT.with_parameters({"viscous.b": 0.0}))[0]:
-        found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES, settings=QUIET)
-        assert 0.0 <= found.values[2] < 3.0 * sd_of(found)[2]
-
-
 def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None:
     """Of m, l and g two combinations show in the motion: these are found, the third stays, and its sd says so."""
     (records,), _ = logs(1, seed=10, model=replace(JOINT, effects=()))

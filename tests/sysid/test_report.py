@@ -41,7 +41,7 @@ from sysid.planning.planned_experiment import Experiment
 from sysid.report import figures
 from sysid.report import typesetting as set_as
 from sysid.report.write import page_of, write_report
-from tests.sysid.planted import SENSOR, VERDICTS, logs
+from tests.sysid.planted import SENSOR, VERDICTS, logs, pushed
 
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
 STICKY = ROD.with_effect(Coulomb(tau_c=0.15))
@@ -239,17 +239,9 @@ def test_one_long_log_is_cut_as_it_was_diagnosed(tmp_path):
 
 @pytest.mark.long
 def test_what_a_hand_touched_is_shown(tmp_path):
-    rng = np.random.default_rng(1)
-    u = np.array([steps(rng, 300, 0.02, 1.5, 0.3) for _ in range(4)])
-    push = np.zeros_like(u)
-    push[1, 100:130] = 3.0 * np.hanning(30)
-    start = math.pi + rng.uniform(-0.8, 0.8, 4)
-    contacts = SENSOR.measure(simulate(STICKY, u + push, start, np.zeros(4)), rng)
-    records = [replace(r, u=own) for r, own in zip(contacts, u, strict=True)]
-    answer = diagnosis(records)
-    warnings = page_of(answer).warnings
-    assert len(warnings) == 1
-    assert re.match(r"No state of the joint explains rollout 1, [12]\.\d-[23]\.\d s \(\+", warnings[0])
+    answer = diagnosis(pushed(logs(STICKY, n=4, seconds=6.0), 1, *STICKY.effects))
+    (warning,) = page_of(answer).warnings
+    assert re.match(r"No state of the joint explains pushed, [12]\.\d-[23]\.\d s \(\+", warning)
 
 
 def test_numbers_that_are_not_determined_are_said_to_be(records):

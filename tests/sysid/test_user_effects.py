@@ -106,11 +106,6 @@ def test_a_file_that_holds_no_effect(text, message, tmp_path, catalogue):
     assert message in str(refused.value)
 
 
-def test_no_file(tmp_path):
-    with pytest.raises(sysid.InvalidInput, match="is a folder"):
-        sysid.load_effects(tmp_path)
-
-
 def test_nothing_is_written_beside_the_file(write, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     sysid.load_effects(write())
