@@ -85,18 +85,6 @@ def test_a_torque_that_the_model_lacks_is_recovered_within_its_band(
     assert answer.depends_on == (name,)
 
 
-def test_its_mean_over_the_angle_is_the_true_curve_within_its_band() -> None:
-    records, truth = made(magnet)
-    answer = residual_torque(MODEL, records, SENSOR)
-    over = answer.over("theta")
-    angle = np.stack([np.mod(0.5 * (r.theta[1:] + r.theta[:-1]), 2.0 * math.pi) for r in answer.records])
-    bins = np.searchsorted(over.edges, angle, side="right") - 1
-    for i in range(len(over.count)):
-        assert over.count[i] == np.sum(bins == i)
-        if over.count[i] > 5:
-            assert abs(over.mean[i] - truth[bins == i].mean()) < 4.0 * over.sd[i] + 0.01
-
-
 def test_the_band_holds_the_truth_as_often_as_it_says() -> None:
     """Torques drawn from what is taken for granted: 95 % of samples within two sd, size and memory found again."""
     s, T, inside, found = 0.2, 0.3, [], []

@@ -147,17 +147,13 @@ def test_z_is_what_the_innovations_lose_with_the_effect(name: str, beside: str, 
     system, filter = clean.linearised.system, clean.linearised.system.filter(BESIDE[beside])
     z = filter.whiten(*clean.linearised.effect_changes([probe], [1.0]))[:, 0]
     with_it = LinearisedModel(clean.samples, clean.model.with_effect(probe), clean.motion)
-    moved = replace(system, gap=system.gap + _less(with_it.ends[:, :2], clean.linearised.ends, clean.samples))
+    further = (with_it.ends[:, :2] - clean.linearised.ends) * clean.samples.follows[:, None]
     seen = clean.samples.read(with_it.model, clean.motion.x) - clean.samples.read(clean.model, clean.motion.x)
-    moved = replace(moved, r=moved.r - seen * clean.samples.weight)
+    moved = replace(system, gap=system.gap + further, r=system.r - seen * clean.samples.weight)
     lost = filter.innovations - moved.filter(BESIDE[beside]).innovations
     assert np.linalg.norm(z) > 0.0
     close = 1e-2 if isinstance(probe, JointEffect) else 1e-6
     assert np.linalg.norm(z - lost.ravel()) < close * np.linalg.norm(z)
-
-
-def _less(ends: np.ndarray, others: np.ndarray, samples: Samples) -> np.ndarray:
-    return (ends - others) * samples.follows[:, None]
 
 
 def test_z_lies_beside_the_parameters(clean: Fit, scored: dict[str, Score]) -> None:

@@ -44,6 +44,7 @@ from sysid import (
     TorqueSpeedLimit,
     Viscous,
     diagnose,
+    effect,
     ops,
     simulate,
 )
@@ -143,9 +144,8 @@ def test_what_is_there_and_too_small_to_matter_is_said_and_not_added() -> None:
     assert found.negligible == ("viscous",)
     assert "no better by what matters: viscous" in str(found)
     eager = dataclasses.replace(DEFAULT, tolerance=0.0, noise_share=0.0)
-    assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), settings=eager).steps] == [
-        "viscous"
-    ]
+    found = diagnose(rod(), records, SENSOR, effects=("viscous",), settings=eager)
+    assert [s.effect for s in found.steps] == ["viscous"]
 
 
 def test_what_is_too_small_to_matter_over_a_second_matters_over_a_longer_horizon() -> None:
@@ -376,11 +376,6 @@ def test_a_spring_has_a_size_where_gravity_could_only_push_the_other_way() -> No
     assert squared_size(found, "spring") > 100.0 and squared_size(found, "torque_bias") > 100.0
 
 
-LOSSES: dict[str, tuple[str, type[Effect]]] = {
-    "viscous": ("b", Viscous), "coulomb": ("tau_c", Coulomb), "drag": ("c", Drag),
-}  # fmt: skip
-
-
 @pytest.mark.parametrize(
     "losses",
     [
@@ -395,15 +390,15 @@ def test_what_a_free_swing_loses_is_named_and_no_friction_that_falls_with_time(l
     plain = Model(RodPendulum(m=1.0, l=0.1766), dt=0.02)
     inertia, lossy = float(plain.inertia()), plain
     for name, size in losses.items():
-        field, kind = LOSSES[name]
-        lossy = lossy.with_effect(kind(**{field: inertia * size}))
+        (field,) = CATALOGUE[name]().parameters
+        lossy = lossy.with_effect(effect(name, **{field: inertia * size}))
     run, sensor = simulate(lossy, np.zeros(1575), math.pi - 1.7, 0.0), Sensor(theta=0.003, theta_dot=None)
     noise = np.random.default_rng(0).normal(0.0, 0.001, run.theta.shape)
     record = Record(run.t, run.u, np.round((run.theta + noise) / 0.01) * 0.01, None)
     found = diagnose(plain, [record], sensor, parameters=["l"])
     assert {step.effect for step in found.steps} == set(losses)
     for name, size in losses.items():
-        number = f"{name}.{LOSSES[name][0]}"
+        (number,) = (own for own in found.estimate.names if own.startswith(name))
         assert abs(found.estimate.values[number] - inertia * size) < 4.0 * found.estimate.sd[number]
 
 
