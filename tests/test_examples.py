@@ -15,19 +15,58 @@ import sysid
 from sysid.planning.excitation import multisine
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+PNG = b"\x89PNG"
 
 
-def run(name, *arguments):
-    return subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=300, check=False
-    )
+def run(name, *arguments, timeout=300, cwd=None):
+    command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, cwd=cwd)
+
+
+def said_by(name, *arguments, **options):
+    """What an example prints that ends well."""
+    done = run(name, *arguments, **options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def imported(name):
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
+    return module
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("compare_sysid", ["--fast"], "--fast"),
+        ("compare_sysid", ["--workers", "0"], "at least 1"),
+        ("compare_sysid", ["--seeds", "0"], "at least 1"),
+        ("compare_sysid", ["--json", "."], "cannot write"),
+        ("optimal_returns", ["--grid", "121"], "even number"),
+        ("paper_claims", ["--seeds", "1"], "at least 2"),
+        ("paper_claims", ["--seeds", "2", "--figure", "."], "cannot write"),
+        ("compare_sweeps", [f"study/results/{preset}/runs.csv" for preset in ("robustness", "paper")], "share no cell"),
+        ("hidden_effect", ["--seed", "-1"], "0 or more"),
+        ("hidden_effect", ["--figure", "picture"], ".png"),
+        ("hidden_effect", ["--html", "."], "cannot write"),
+        ("sim_to_real", ["--seed", "-1"], "0 or more"),
+        ("sim_to_real", ["--episodes", "1"], "0 or more"),
+        ("sim_to_real", ["--train", "-1"], "0 or more"),
+    ],
+)
+def test_wrong_input_is_refused(name, arguments, message):
+    done = run(f"{name}.py", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.long
 def test_compare_sysid(tmp_path):
     numbers, figure = tmp_path / "out.json", tmp_path / "new" / "figure.png"
-    done = run("compare_sysid.py", "--quick", "--seeds", "4", "--json", str(numbers), "--figure", str(figure))
-    assert done.returncode == 0, done.stderr
+    said_by("compare_sysid.py", "--quick", "--seeds", "4", "--json", numbers, "--figure", figure)
     found = json.loads(numbers.read_text())
     assert set(found) == {"paper", "encoder"}
     for setting in found.values():
@@ -42,29 +81,11 @@ def test_compare_sysid(tmp_path):
         # the grid's bias is far above what the same readings allow, and least squares takes it out
         assert setting["grid"]["rms_error"][2] > 10 * setting["least_squares"]["rms_error"][2]
         assert max(setting["least_squares"]["ratio"]) < 2.0
-    assert figure.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--fast"], "--fast"),
-        (["--workers", "0"], "at least 1"),
-        (["--seeds", "0"], "at least 1"),
-        (["--json", "."], "cannot write"),
-    ],
-)
-def test_compare_sysid_refuses_wrong_input(arguments, message):
-    done = run("compare_sysid.py", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
+    assert figure.read_bytes().startswith(PNG)
 
 
 def test_optimal_returns():
-    done = run("optimal_returns.py", "--grid", "120")
-    assert done.returncode == 0, done.stderr
-    _, *lines = done.stdout.splitlines()
+    _, *lines = said_by("optimal_returns.py", "--grid", "120").splitlines()
     best = {(2.0, 1.5): -330.7, (1.5, 1.2): -215.2, (2.5, 2.0): -523.6, (1.0, 1.0): -139.1}  # at 600 x 601 states
     assert len(lines) == len(best)
     for line in lines:
@@ -73,50 +94,25 @@ def test_optimal_returns():
         assert lqr < swing_up
 
 
-def test_optimal_returns_refuses_a_grid_without_the_upright():
-    done = run("optimal_returns.py", "--grid", "121")
-    assert done.returncode == 2
-    assert "even number" in done.stderr
-
-
 def test_paper_claims(tmp_path):
-    done = run("paper_claims.py", "--seeds", "60", "--figure", str(tmp_path / "claims.png"))
-    assert done.returncode == 0, done.stderr
-    assert '"the identification error falls roughly as 1/√n" (Sec. II-B): does not hold.' in done.stdout
-    assert "29 distinct ones" in done.stdout
-    assert "15 keep a t interval without zero and 10 survive Holm" in done.stdout
-    assert (tmp_path / "claims.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"), [(("--seeds", "1"), "at least 2"), (("--seeds", "2", "--figure", "."), "cannot write")]
-)
-def test_paper_claims_refuses_wrong_input(arguments, message):
-    done = run("paper_claims.py", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
+    said = said_by("paper_claims.py", "--seeds", "60", "--figure", tmp_path / "claims.png")
+    assert '"the identification error falls roughly as 1/√n" (Sec. II-B): does not hold.' in said
+    assert "29 distinct ones" in said
+    assert "15 keep a t interval without zero and 10 survive Holm" in said
+    assert (tmp_path / "claims.png").read_bytes().startswith(PNG)
 
 
 def test_compare_sweeps():
     """The committed sweeps of small and large networks: cells of both, and all pairs with data."""
-    done = run("compare_sweeps.py", "study/results/paper-small/runs.csv", "study/results/paper/runs.csv")
-    assert done.returncode == 0, done.stderr
-    _, *lines, last = done.stdout.splitlines()
+    said = said_by("compare_sweeps.py", "study/results/paper-small/runs.csv", "study/results/paper/runs.csv")
+    _, *lines, last = said.splitlines()
     assert [int(line.split()[1]) for line in lines] == [n for n in (0, 5, 10, 25, 50) for _ in range(5)]
     assert "-359 ± 10 (-349)" in lines[10] and "-341 ±  5 (-339)" in lines[10] and "+17 [+1, +34]" in lines[10]
     assert last.startswith("all 200 pairs with data")
 
 
-def test_compare_sweeps_refuses_sweeps_without_a_common_cell():
-    done = run("compare_sweeps.py", "study/results/robustness/runs.csv", "study/results/paper/runs.csv")
-    assert done.returncode == 2
-    assert "share no cell" in done.stderr
-
-
 def test_hidden_effect_writes_only_the_log(tmp_path):
-    done = run("hidden_effect.py", "--only-log", "--log", str(tmp_path / "log"), "--figure", str(tmp_path / "no.png"))
-    assert done.returncode == 0, done.stderr
+    said_by("hidden_effect.py", "--only-log", "--log", tmp_path / "log", "--figure", tmp_path / "no.png")
     assert len(list((tmp_path / "log").glob("swing*.csv"))) == 8
     assert not (tmp_path / "no.png").exists()
 
@@ -138,10 +134,8 @@ def test_tour_runs():
 @pytest.mark.long
 def test_own_strategy(tmp_path):
     """A user's strategy beside one of ours, from its dialogue to the page."""
-    command = [sys.executable, str(EXAMPLES / "own_strategy.py")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "Which strategy beats the point estimate?" in done.stdout
+    said = said_by("own_strategy.py", timeout=1800, cwd=tmp_path)
+    assert "Which strategy beats the point estimate?" in said
     cases = (tmp_path / "results" / "own_strategy" / "cases.csv").read_text()
     assert "own_strategy.py:TestedBand,5," in cases
     assert "tested band" in (tmp_path / "results" / "own_strategy" / "report.html").read_text()
@@ -149,9 +143,7 @@ def test_own_strategy(tmp_path):
 
 @pytest.mark.long
 def test_own_effect():
-    done = run("own_effect.py")
-    assert done.returncode == 0, done.stderr
-    without, found = done.stdout.split("with:")
+    without, found = said_by("own_effect.py").split("with:")
     assert "unknown: " in without
     assert "\nmissing: magnet (k = 0.30" in found
 
@@ -167,19 +159,18 @@ def test_real_log(tmp_path):
     header = "time_s,angle_rad,velocity_rad_s,torque_meas_Nm"
     np.savetxt(tmp_path / "rig.csv", table, "%.8g", ",", header=header, comments="")
     (tmp_path / "rig.json").write_text('{"sign_convention": "angle 0 = hanging down"}')
-    done = run("real_log.py", str(tmp_path / "rig.csv"), "--out", str(tmp_path / "results"))
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("$ python -m sysid") == 4
-    assert "--zero hanging" in done.stdout
-    assert "\nmissing: coulomb" in done.stdout
+    said = said_by("real_log.py", tmp_path / "rig.csv", "--out", tmp_path / "results")
+    assert said.count("$ python -m sysid") == 4
+    assert "--zero hanging" in said
+    assert "\nmissing: coulomb" in said
     for figure in ("before.png", "after.png"):
-        assert (tmp_path / "results" / figure).read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / "results" / figure).read_bytes().startswith(PNG)
 
 
 def test_real_log_refuses_what_is_no_log(tmp_path):
-    assert "no such file" in run("real_log.py", str(tmp_path / "absent.csv")).stderr
+    assert "no such file" in run("real_log.py", tmp_path / "absent.csv").stderr
     (tmp_path / "notes.csv").write_text("name,colour\nbob,red\n")
-    done = run("real_log.py", str(tmp_path / "notes.csv"), "--out", str(tmp_path))
+    done = run("real_log.py", tmp_path / "notes.csv", "--out", tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("error: notes.csv has no t: found name, colour")
 
@@ -187,9 +178,7 @@ def test_real_log_refuses_what_is_no_log(tmp_path):
 @pytest.mark.long
 def test_hidden_effect(tmp_path):
     log, figure, report, numbers = (tmp_path / name for name in ("log", "figure.png", "report.html", "out.json"))
-    files = ("--log", str(log), "--figure", str(figure), "--html", str(report), "--json", str(numbers))
-    done = run("hidden_effect.py", *files)
-    assert done.returncode == 0, done.stderr
+    said_by("hidden_effect.py", "--log", log, "--figure", figure, "--html", report, "--json", numbers)
     found = json.loads(numbers.read_text())
     assert found["verdict"] == "missing"
     assert {step["effect"] for step in found["steps"]} == {"coulomb", "delay"}
@@ -198,19 +187,8 @@ def test_hidden_effect(tmp_path):
     for name, truth in (("coulomb.tau_c", 0.15), ("delay.T", 0.05)):
         assert abs(found["parameters"][name]["value"] - truth) < 4.0 * found["parameters"][name]["sd"]
     assert len(list(log.glob("swing*.csv"))) == 8
-    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert figure.read_bytes().startswith(PNG)
     assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [(["--seed", "-1"], "0 or more"), (["--figure", "picture"], ".png"), (["--html", "."], "cannot write")],
-)
-def test_hidden_effect_refuses_wrong_input(arguments, message):
-    done = run("hidden_effect.py", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.long
@@ -218,8 +196,7 @@ def test_sim_to_real(monkeypatch, capsys):
     """A short log and a coarse table: what a machine in another simulator lacks is named, and what the policy of the
     mended model promises is measured there; that of the fitted model promises as much, and falls short."""
     pytest.importorskip("mujoco", reason="the machine needs the extra [sim]")
-    spec = importlib.util.spec_from_file_location("sim_to_real", EXAMPLES / "sim_to_real.py")
-    spec.loader.exec_module(example := importlib.util.module_from_spec(spec))
+    example = imported("sim_to_real")
     monkeypatch.setattr(example, "ROLLOUTS", 2)
     monkeypatch.setattr(example, "GRID", example.Grid(120, 121, u=11, memory=3, theta_dot_max=12.0))
     assert example.main(["--episodes", "8"]) == 0
@@ -236,19 +213,10 @@ def test_sim_to_real(monkeypatch, capsys):
     assert difference < -4.0 * error
 
 
-@pytest.mark.parametrize("arguments", [("--seed", "-1"), ("--episodes", "1"), ("--train", "-1")])
-def test_sim_to_real_refuses_wrong_input(arguments):
-    done = run("sim_to_real.py", *arguments)
-    assert done.returncode == 2
-    assert "0 or more" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 @pytest.mark.long
 def test_another_algorithm(tmp_path, monkeypatch):
     """TorchRL's TD3 learns from a model's file; the policy observes the commands that a delay holds back."""
-    spec = importlib.util.spec_from_file_location("another_algorithm", EXAMPLES / "another_algorithm.py")
-    spec.loader.exec_module(example := importlib.util.module_from_spec(spec))
+    example = imported("another_algorithm")
     light = sysid.Model(sysid.RodPendulum(0.3, 0.6), (sysid.Viscous(0.3), sysid.Delay(T=0.1)), dt=0.05, u_max=2.0)
     sysid.save(light, tmp_path / "model.json")
     example.torch.manual_seed(0)
@@ -266,6 +234,5 @@ def test_workbench(tmp_path):
     pytest.importorskip("playwright", reason="a browser is driven by playwright, of the extra dev")
     if not (shutil.which("chromium") or shutil.which("chromium-browser")):
         pytest.skip("no Chromium is installed: apt-get install chromium")
-    done = run("workbench.py", "--folder", str(tmp_path))
-    assert done.returncode == 0, done.stderr
+    said_by("workbench.py", "--folder", tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["workbench_mended.png", "workbench_missing.png"]

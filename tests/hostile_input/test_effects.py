@@ -31,7 +31,6 @@ EFFECTS = {
     "for ever": "def f(): f()\nf()\n",
     "a number": "from sysid import register\nregister(3)\n",
     "no effect": "from sysid import register\n@register\nclass Weight: pass\n",
-    "nothing": "x = 3\n",
     "NUL": "a\0b",
 }
 

@@ -43,7 +43,7 @@ from sysid import (
     simulate,
 )
 from sysid.physics.ops import Value
-from sysid.planning.excitation import steps
+from sysid.planning.excitation import multisine, steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -59,6 +59,9 @@ RICH = Model(
     u_max=2.0,
 )
 """A joint with friction, a late drive and an offset: five effects at once."""
+JOINT = Model(GeneralJoint(J=0.3, G=2.0), (Viscous(b=0.07),), RK4(substeps=2), DT)
+NAMES = ("J", "G", "viscous.b")
+"""A damped joint, and what it is made of."""
 STEPS = partial(steps, u_max=1.5, hold=0.3)
 FEW = ("viscous", "coulomb", "tilt", "delay")
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
@@ -110,6 +113,23 @@ def with_memory(white: np.ndarray, T: float) -> np.ndarray:
     for k in range(1, d.shape[1]):
         d[:, k] = kept * d[:, k - 1] + math.sqrt(1.0 - kept**2) * d[:, k]
     return d
+
+
+def accelerated(
+    model: Model, count: int, n: int, s: float, T: float, seed: int = 0, push: tuple[int, float] | None = None
+) -> tuple[Trajectory, list[Record]]:
+    """Rollouts, and their records, under a random acceleration of sd s [rad/s^2] and memory T [s], held over each
+    interval.
+
+    push: the rollout that is pushed from 4 s to 4.5 s, and by how much [N m].
+    """
+    rng = np.random.default_rng(seed)
+    u = np.array([multisine(rng, n, DT, 1.5, 2.0) for _ in range(count)])
+    torque = float(model.inertia()) * with_memory(s * rng.standard_normal((count, n)), T)
+    if push is not None:
+        torque[push[0], round(4.0 / DT) : round(4.5 / DT)] += push[1]
+    run = simulate(model, u + torque, math.pi + rng.uniform(-1.0, 1.0, count), np.zeros(count))
+    return run, [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
 def distance(estimate: Estimate, truth: Mapping[str, float]) -> float:

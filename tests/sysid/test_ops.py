@@ -20,22 +20,13 @@ def evaluated(make, *values):
     return float(ca.Function("f", symbols, [make(*symbols)])(*values))
 
 
-@pytest.mark.parametrize("f", UNARY)
-def test_unary_functions_agree(f):
-    floats = [f(x) for x in X]
+@pytest.mark.parametrize(("f", "more"), [*((f, ()) for f in UNARY), *((f, (0.5,)) for f in BINARY)])
+def test_functions_agree(f, more):
+    floats = [f(x, *more) for x in X]
     assert {type(v) for v in floats} == {float}
-    np.testing.assert_allclose(f(np.array(X)), floats, rtol=1e-15)
-    np.testing.assert_allclose(f(torch.tensor(X, dtype=torch.float64)).numpy(), floats, rtol=1e-14)
-    np.testing.assert_allclose([evaluated(f, x) for x in X], floats, rtol=1e-14)
-
-
-@pytest.mark.parametrize("f", BINARY)
-def test_binary_functions_agree(f):
-    floats = [f(x, 0.5) for x in X]
-    assert {type(v) for v in floats} == {float}
-    np.testing.assert_allclose(f(np.array(X), 0.5), floats)
-    np.testing.assert_allclose(f(torch.tensor(X, dtype=torch.float64), 0.5).numpy(), floats)
-    np.testing.assert_allclose([evaluated(f, x, 0.5) for x in X], floats)
+    np.testing.assert_allclose(f(np.array(X), *more), floats, rtol=1e-15)
+    np.testing.assert_allclose(f(torch.tensor(X, dtype=torch.float64), *more).numpy(), floats, rtol=1e-14)
+    np.testing.assert_allclose([evaluated(f, x, *more) for x in X], floats, rtol=1e-14)
 
 
 @pytest.mark.parametrize("f", [ops.minimum, ops.maximum])

@@ -71,12 +71,7 @@ def test_a_name_is_small_letters_and_new(name: str) -> None:
 
 def test_a_formula_means_what_python_means_by_it() -> None:
     text = "a * exp(-((theta - c) / w) ** 2) - b * abs(theta_dot) * theta_dot + minimum(t, maximum(drive, 1)) ** 3"
-    names = {
-        n: v
-        for n, v in zip(
-            ("a", "b", "c", "w", "theta", "theta_dot", "t", "drive"), (1.0, 2, 3, 4, 5, -6, 7, 8), strict=True
-        )
-    }
+    names = {"a": 1.0, "b": 2.0, "c": 3.0, "w": 4.0, "theta": 5.0, "theta_dot": -6.0, "t": 7.0, "drive": 8.0}
     functions = {"exp": np.exp, "abs": np.abs, "minimum": np.minimum, "maximum": np.maximum}
     expected = eval(compile(ast.Expression(parsed_formula(text)), "x", "eval"), {**functions, **names})
     assert value(parsed_formula(text), names) == pytest.approx(expected)

@@ -29,11 +29,11 @@ from sysid.data.logs import read
 from sysid.data.splitting import split
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
-from tests.sysid.planted import DT, SENSOR, logs
+from tests.sysid.planted import DT, SENSOR, logs, truth
 
 
 def rod(*effects: Effect) -> Model:
-    return Model(RodPendulum(m=1.0, l=0.9), effects, RK4(4), dt=DT)
+    return dataclasses.replace(truth(*effects), integrator=RK4(4))
 
 
 def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> list[Record]:
@@ -42,11 +42,10 @@ def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> l
 
 def test_a_part_of_a_part_is_a_part() -> None:
     (record,) = log()
-    one, other = record.part(100, 400).part(50, 120), record.part(150, 220)
-    np.testing.assert_array_equal(one.previous_commands, other.previous_commands)
-    np.testing.assert_allclose(one.time_since_start, other.time_since_start)
-    assert not one.starts_midway and one.time_since_start[0] == pytest.approx(150 * DT)
-    assert dataclasses.replace(one, before=None).starts_midway
+    piece = record.part(100, 400).part(50, 120)
+    np.testing.assert_array_equal(piece.previous_commands, record.u[:150])
+    np.testing.assert_allclose(piece.time_since_start, DT * np.arange(150, 221))
+    assert not piece.starts_midway and dataclasses.replace(piece, before=None).starts_midway
     with pytest.raises(InvalidInput, match="before its rollout does"):
         dataclasses.replace(record, origin=1.0)
 
@@ -84,16 +83,6 @@ def test_the_papers_grid_knows_the_past_too() -> None:
     halves = GridSearch(["l"], points=5).fit(model, [record.part(0, 300), record.part(300, 600)])
     assert halves.values == whole.values
     assert halves.noise == pytest.approx(whole.noise, rel=1e-9)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("begin", [0.0, 20.0, 1.7e9])
-def test_the_clock_of_the_log_is_no_matter(begin: float) -> None:
-    """A drift begins with the rollout, whatever the log calls that instant."""
-    (record,) = log(Drift(r=0.05), seconds=6.0)
-    later = dataclasses.replace(record, t=record.t + begin)
-    found = fit(rod(Drift(r=0.0)), [later], SENSOR, ["drift.r"])
-    assert found.values["drift.r"] == pytest.approx(fit(rod(Drift()), [record], SENSOR, ["drift.r"]).values["drift.r"])
 
 
 @pytest.mark.long

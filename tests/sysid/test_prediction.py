@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, Sensor, SensorDelay, effect, simulate, split
+from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, SensorDelay, simulate, split
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
@@ -27,11 +27,7 @@ from sysid.estimation.prediction import (
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.planning.excitation import multisine
-
-DT = 0.02
-SENSOR = Sensor(theta=0.003, theta_dot=0.05)
-JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
-NAMES = ("J", "G", "viscous.b")
+from tests.sysid.planted import DT, JOINT, NAMES, SENSOR
 
 
 def errors(*squares: float) -> PredictionErrors:

@@ -12,7 +12,6 @@ from scipy.optimize import lsq_linear
 import sysid
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
-    RK4,
     Coulomb,
     GeneralJoint,
     Model,
@@ -29,10 +28,8 @@ from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
 from sysid.estimation.solver import Settings, bounded_step, fit_parameters, relaxation
 from sysid.planning.excitation import multisine
-from tests.sysid.planted import DT, SENSOR, with_memory
+from tests.sysid.planted import DT, JOINT, NAMES, SENSOR, accelerated
 
-JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
-NAMES = ("J", "G", "viscous.b")
 TRUTH = np.array([0.3, 2.0, 0.07])
 AFAR = JOINT.with_parameters({"J": 0.4, "G": 1.5, "viscous.b": 0.02})
 NONE = Disturbances(0.0)
@@ -42,13 +39,7 @@ QUIET = Settings(angle_error=False)
 
 def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tuple[list[list[Record]], np.ndarray]:
     """Logs of two rollouts of 6 s under a random acceleration of sd s [rad/s^2], T = 0.3 s; and where they began."""
-    rng, n = np.random.default_rng(seed), 300
-    u = np.array([multisine(rng, n, DT, 1.5, 2.0) for _ in range(2 * count)])
-    d = with_memory(s * rng.standard_normal((2 * count, n)), 0.3)
-    run = simulate(
-        model, u + float(model.inertia()) * d, math.pi + rng.uniform(-1.0, 1.0, 2 * count), np.zeros(2 * count)
-    )
-    made = [replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
+    run, made = accelerated(model, 2 * count, 300, s, 0.3, seed)
     starts = np.stack([run.theta[:, 0], run.theta_dot[:, 0]], axis=1).reshape(count, 2, 2)
     return [made[2 * i : 2 * i + 2] for i in range(count)], starts
 
@@ -186,12 +177,6 @@ def test_bounds_are_kept_and_the_others_fitted_beside_them(
     assert np.max(np.abs(own - beside.values) / sd_of(beside)) < 0.15
 
 
-def test_a_friction_that_is_not_there_is_not_negative() -> None:
-    for records in logs(3, seed=9, s=0.3, model=JOINT.with_parameters({"viscous.b": 0.0}))[0]:
-        found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES, settings=QUIET)
-        assert 0.0 <= found.values[2] < 3.0 * sd_of(found)[2]
-
-
 def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None:
     """Of m, l and g two combinations show in the motion: these are found, the third stays, and its sd says so."""
     (records,), _ = logs(1, seed=10, model=replace(JOINT, effects=()))
@@ -325,9 +310,6 @@ def test_a_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
     np.testing.assert_allclose(
         inverse(N * np.outer(units, units)) * np.outer(units, units), np.linalg.inv(N), rtol=1e-9
     )
-    N[:, 2] = N[2] = 0.0
-    assert math.isinf(inverse(N)[2, 2])
-    assert inverse(np.zeros((0, 0))).shape == (0, 0)
 
 
 @pytest.mark.parametrize("taken", [1.0, 0.8])

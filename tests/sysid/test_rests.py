@@ -14,6 +14,7 @@ from sysid.estimation.solver import fit_parameters
 
 DT = 0.02
 SENSOR = Sensor(theta=0.001)
+T = DT * np.arange(500)
 
 
 def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None) -> Record:
@@ -31,36 +32,33 @@ def repeated(own: Record, sensor: Sensor) -> np.ndarray:
 
 
 def test_of_a_rest_one_reading_is_kept_in_half_a_second() -> None:
-    t = DT * np.arange(500)
-    theta = np.where(t < 4.0, 0.3 * np.cos(3.0 * t), 0.3 * math.cos(12.0))
+    theta = np.where(T < 4.0, 0.3 * np.cos(3.0 * T), 0.3 * math.cos(12.0))
     at = repeated(record(theta), SENSOR)
-    inside = (t > 4.0 + 2.0 * AROUND) & (t < 10.0 - 2.0 * AROUND)
-    assert not np.any(at[t < 4.0])
+    inside = (T > 4.0 + 2.0 * AROUND) & (T < 10.0 - 2.0 * AROUND)
+    assert not np.any(at[T < 4.0])
     assert np.mean(~at[inside]) == pytest.approx(DT / AROUND, rel=0.4)
 
 
 def test_what_turns_steadily_does_not_rest() -> None:
     """Neither as fast as a speed alone can tell it, nor as slowly as an angle can."""
-    t = DT * np.arange(500)
     assert not np.any(repeated(record(None, np.full(500, 2.0)), Sensor(theta_dot=0.001)))
-    assert not np.any(repeated(record(0.05 * t), SENSOR))
-    assert np.any(repeated(record(None, np.where(t < 2.0, 2.0, 0.0)), Sensor(theta_dot=0.001)))
+    assert not np.any(repeated(record(0.05 * T), SENSOR))
+    assert np.any(repeated(record(None, np.where(T < 2.0, 2.0, 0.0)), Sensor(theta_dot=0.001)))
 
 
 def test_readings_under_a_command_that_changes_are_no_repetitions() -> None:
     """Each says that the joint is held against another torque."""
-    t = DT * np.arange(500)
-    theta, u = np.minimum(t, 2.0), np.where(t[:-1] < 2.0, 1.0, 0.0)
-    assert np.any(repeated(Record(t, u, theta), SENSOR))
-    assert np.any(repeated(Record(t, np.full(499, 0.018), theta), SENSOR)), "one that never changes"
-    assert not np.any(repeated(Record(t, np.where(u > 0.0, u, 0.5 * np.sin(7.0 * t[:-1])), theta), SENSOR))
+    theta, u = np.minimum(T, 2.0), np.where(T[:-1] < 2.0, 1.0, 0.0)
+    assert np.any(repeated(Record(T, u, theta), SENSOR))
+    assert np.any(repeated(Record(T, np.full(499, 0.018), theta), SENSOR)), "one that never changes"
+    assert not np.any(repeated(Record(T, np.where(u > 0.0, u, 0.5 * np.sin(7.0 * T[:-1])), theta), SENSOR))
 
 
 def test_a_piece_of_constant_readings_is_as_rounded_as_the_whole_log() -> None:
-    t, q = DT * np.arange(500), 0.003
+    q = 0.003
     swing, rest = (
-        Record(t, np.zeros(499), q * np.round(0.3 * y / q), name=name)
-        for name, y in (("swing", np.cos(3.0 * t)), ("rest", np.ones(500)))
+        Record(T, np.zeros(499), q * np.round(0.3 * y / q), name=name)
+        for name, y in (("swing", np.cos(3.0 * T)), ("rest", np.ones(500)))
     )
     _, (found,) = readings_at_rest_merged([swing, rest], Sensor(theta=q / math.sqrt(12.0)))
     assert len(found.index) < 50
@@ -68,8 +66,7 @@ def test_a_piece_of_constant_readings_is_as_rounded_as_the_whole_log() -> None:
 
 
 def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
-    t = DT * np.arange(500)
-    both = record(np.minimum(t, 2.0), 0.4 + (t < 2.0))
+    both = record(np.minimum(T, 2.0), 0.4 + (T < 2.0))
     assert np.any(repeated(both, Sensor(theta=0.001, theta_dot=0.001)))
 
 
@@ -79,15 +76,14 @@ def weights(own: Record, sensor: Sensor) -> np.ndarray:
 
 
 def test_a_mean_at_rest_is_as_sure_as_its_readings_together() -> None:
-    own = weights(record(np.minimum(DT * np.arange(500), 0.5)), SENSOR)
+    own = weights(record(np.minimum(T, 0.5)), SENSOR)
     assert np.count_nonzero(own) < 150
     assert np.sum(own**2) == pytest.approx(500 / SENSOR.theta**2)
 
 
 def test_a_piece_of_a_log_that_does_nothing_but_rest_rests() -> None:
     """By itself it might be any slow motion."""
-    t = DT * np.arange(500)
-    swing, rest = record(0.3 * np.cos(3.0 * t)), record(np.full(500, 0.3))
+    swing, rest = record(0.3 * np.cos(3.0 * T)), record(np.full(500, 0.3))
     alone, beside = (
         Samples(Model(GeneralJoint(J=0.1, G=0.0), dt=DT), records, SENSOR).weight[-501:, 0]
         for records in ([rest], [swing, rest])
@@ -96,14 +92,13 @@ def test_a_piece_of_a_log_that_does_nothing_but_rest_rests() -> None:
 
 
 def test_what_noise_hides_is_no_rest() -> None:
-    t = DT * np.arange(500)
-    hidden = Record(t, np.zeros(499), None, np.sin(t) + np.random.default_rng(0).standard_normal(500))
+    hidden = Record(T, np.zeros(499), None, np.sin(T) + np.random.default_rng(0).standard_normal(500))
     assert not np.any(repeated(hidden, Sensor(theta_dot=1.0)))
 
 
 def test_a_mean_of_rounded_readings_is_no_surer_than_rounding() -> None:
-    t, q = DT * np.arange(500), 0.003
-    read = Record(t, np.zeros(499), q * np.round(np.where(t < 2.0, 0.3 * np.cos(3.0 * t), 0.3 * math.cos(6.0)) / q))
+    q = 0.003
+    read = Record(T, np.zeros(499), q * np.round(np.where(T < 2.0, 0.3 * np.cos(3.0 * T), 0.3 * math.cos(6.0)) / q))
     own = weights(read, Sensor(theta=q / math.sqrt(12.0)))
     assert np.max(own) == pytest.approx(math.sqrt(12.0) / q, rel=1e-3)
 

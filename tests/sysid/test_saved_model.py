@@ -61,9 +61,8 @@ def test_an_estimate_comes_back_exactly(names, tmp_path):
     back = sysid.load(tmp_path / "model.json")
     assert_same_model(back.model, estimate.model)
     assert back.free == back.estimate.names == names
-    for field in ("noise", "success", "status", "cost", "n_readings", "method", "sensor", "random_torque"):
-        assert getattr(back.estimate, field) == getattr(estimate, field), field
-    np.testing.assert_array_equal(back.estimate.covariance, estimate.covariance)
+    for field in {f.name for f in dataclasses.fields(estimate)} - {"model"}:
+        np.testing.assert_array_equal(getattr(back.estimate, field), getattr(estimate, field), field)
     assert str(back.estimate) == str(estimate)
 
 
@@ -79,15 +78,6 @@ def test_what_is_not_determined_stays_so(tmp_path):
     assert math.isnan(back.cost)
     assert back.sensor is None
     assert not back.success
-
-
-def test_a_saved_estimate_goes_on_where_it_was(tmp_path):
-    log = records()
-    model = sysid.Model(sysid.RodPendulum(), (sysid.Viscous(0.01),), dt=0.02)
-    estimate = sysid.fit(model, log)
-    sysid.save(estimate, tmp_path / "model.json")
-    a, b = (sysid.compare(e, log) for e in (estimate, sysid.load(tmp_path / "model.json").estimate))
-    assert a.to_dict() == b.to_dict()
 
 
 def good():

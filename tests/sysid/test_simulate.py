@@ -20,6 +20,7 @@ def test_readings_have_the_stated_sd_and_no_bias(sensor):
     records = sensor.measure(run, np.random.default_rng(2))
     errors = {"theta": [], "theta_dot": []}
     for i, record in enumerate(records):
+        assert (record.theta is None, record.theta_dot is None) == (sensor.theta is None, sensor.theta_dot is None)
         for reading in sensor.readings(record):
             truth = getattr(run, reading.channel)[i, reading.index]
             errors[reading.channel].append((reading.value - truth) / reading.sd)
@@ -51,13 +52,6 @@ def test_same_seed_same_numbers():
         assert not np.any(a.theta_dot == c.theta_dot)
 
 
-def test_a_channel_that_is_not_measured_is_left_out():
-    run = simulate(MODEL, np.zeros(20), 1.0, 0.0)
-    (angle,) = Sensor(theta=0.01).measure(run, np.random.default_rng(0))
-    (speed,) = Sensor(theta_dot=1.0).measure(run, np.random.default_rng(0))
-    assert angle.theta_dot is None and speed.theta is None
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -74,15 +68,11 @@ def test_bad_input_is_refused(arguments, message):
         simulate(MODEL, *arguments)
 
 
-def test_a_start_angle_alone_is_one_reading():
+def test_every_reading_counts_once_also_a_start_angle_alone():
     start, speeds = Sensor(theta=0.001, theta_dot=1.0).readings(dataclasses.replace(ALL, theta=ALL.theta[:1]))
     assert (start.index.tolist(), start.value.tolist(), start.sd.tolist()) == ([0], [3.0], [0.001])
-    assert speeds.index.tolist() == list(range(11))
-
-
-def test_an_encoder_reads_every_angle_once():
     (angles,) = Sensor(theta=0.01).readings(ALL)
-    assert angles.index.tolist() == list(range(11)) and np.all(angles.sd == 0.01)
+    assert speeds.index.tolist() == angles.index.tolist() == list(range(11)) and np.all(angles.sd == 0.01)
 
 
 @pytest.mark.parametrize(

@@ -130,12 +130,8 @@ def test_no_limit_that_cuts_off_a_drive_stands_for_a_controller(seed: int) -> No
 
 def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> None:
     """A record that rests throughout is slow beside the others, however its own noise moves."""
-    fitted, seen, rng = (
-        followed(0.002, B, TAU_C, 0.03),
-        followed(0.002, B, TAU_C, 0.03, seed=1),
-        np.random.default_rng(2),
-    )
-    theta = np.ones(len(seen) + 1) + SENSOR.theta * rng.standard_normal(len(seen) + 1)
+    fitted, seen = (followed(0.002, B, TAU_C, 0.03, seed=seed) for seed in (0, 1))
+    theta = np.ones(len(seen) + 1) + SENSOR.theta * np.random.default_rng(2).standard_normal(len(seen) + 1)
     rests = replace(seen, theta=theta, u=np.zeros(len(seen)), name="rests")
     shares = [
         friction_along(Model(JOINT, dt=DT), ("J", "G"), [fitted], unseen, SENSOR) for unseen in ([seen], [seen, rests])
@@ -143,11 +139,8 @@ def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> No
     assert shares[0] is not None and shares[0] == shares[1]
 
 
-def test_a_torque_without_friction_shows_none() -> None:
+def test_a_torque_without_friction_or_with_hardly_any_shows_none() -> None:
     assert along(followed(1.0, 0.0, 0.0, 0.03)) is None
-
-
-def test_a_torque_that_is_hardly_friction_shows_none() -> None:
     assert along(followed(0.002, B, TAU_C, 1.0)) is None
 
 

@@ -1,14 +1,11 @@
 """A user's own effects: a file of theirs joins the catalogue, and is told what is wrong with it."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import sysid
-
-OWN = Path(__file__).parents[2] / "examples" / "own_effect.py"
 
 FILE = """
 from __future__ import annotations
@@ -52,11 +49,6 @@ def test_it_joins_the_catalogue_and_is_fitted(write, catalogue):
     assert added.after.ratio < 1.1 < added.before.ratio
     sysid.save(added.estimate, write().with_name("model.json"))
     assert sysid.load_model(write().with_name("model.json")).effects[0].k == added.estimate.values["wave.k"]
-
-
-def test_the_example_loads(catalogue):
-    assert sysid.load_effects(OWN) == ("magnet",)
-    assert "magnet" in catalogue
 
 
 def test_a_file_that_was_changed_is_loaded_again(write, catalogue):
@@ -104,11 +96,6 @@ def test_a_file_that_holds_no_effect(text, message, tmp_path, catalogue):
     with pytest.raises(sysid.InvalidInput) as refused:
         sysid.load_effects(tmp_path / "mine.py")
     assert message in str(refused.value)
-
-
-def test_no_file(tmp_path):
-    with pytest.raises(sysid.InvalidInput, match="is a folder"):
-        sysid.load_effects(tmp_path)
 
 
 def test_nothing_is_written_beside_the_file(write, tmp_path, monkeypatch):

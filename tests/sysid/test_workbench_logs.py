@@ -18,7 +18,7 @@ from sysid.errors import InvalidInput
 from sysid.web import log_part, samples
 from sysid.web.bench import Workbench
 from sysid.web.callbacks import session_name
-from tests.sysid import hostile_logs, robot_files
+from tests.sysid import robot_files
 from tests.sysid.workbench import uploaded
 
 
@@ -78,9 +78,6 @@ def test_a_preview_is_read_once(bench: Workbench, swing: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "write"),
     [
-        ("pickled.npz", hostile_logs.pickled),
-        ("bomb.npz", hostile_logs.bomb),
-        ("lying.db3", hostile_logs.lying_bag),
         ("cut.npz", lambda f: f.write_bytes(b"PK\x03\x04" + bytes(100))),
         ("claims.csv", lambda f: f.write_text("t,theta\n0,1e308\n1,-1e308\n2,nan\n")),
         ("code.csv", lambda f: f.write_text("t,theta\n0,=cmd()\n1,<script>alert(1)</script>\n")),
