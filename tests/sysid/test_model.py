@@ -101,17 +101,18 @@ def held_signal_mean(u: np.ndarray, dt: float, T: float, a: float, b: float) -> 
     return float(np.interp(b - T, t, integral) - np.interp(a - T, t, integral)) / (b - a)
 
 
-@pytest.mark.parametrize("T_lag", [0.0, 0.003, 0.08])
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("T_lag", [0.0, 0.0003, 0.003, 0.08, 0.7])
 @pytest.mark.parametrize("T_delay", [0.0, 0.0071, 0.02, 0.0537, 0.1])
-def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag):
-    model = Model(RodPendulum(), (Lag(T=T_lag), Delay(T=T_delay)), RK4(substeps=3), dt=0.02)
+def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag, substeps):
+    model = Model(RodPendulum(), (Lag(T=T_lag), Delay(T=T_delay)), RK4(substeps), dt=0.02)
     u = np.random.default_rng(1).uniform(-2.0, 2.0, 60)
     memory, stepwise = model.rest(), []
     for command in u:
         drives, memory = model.drive(float(command), memory)
         stepwise.extend(drives)
-    h = model.dt / 3
-    delayed = np.array([held_signal_mean(u, model.dt, T_delay, j * h, (j + 1) * h) for j in range(180)])
+    h = model.dt / substeps
+    delayed = np.array([held_signal_mean(u, model.dt, T_delay, j * h, (j + 1) * h) for j in range(60 * substeps)])
     whole, z = delayed.copy(), 0.0
     if T_lag > 0.0:
         for j, s in enumerate(delayed):
