@@ -12,14 +12,12 @@ from sysid import (
     DeadZone,
     Delay,
     GeneralJoint,
-    InvalidInput,
     Joint,
     Lag,
     Model,
     RodPendulum,
     RotorInertia,
     Saturation,
-    SensorDelay,
     Stamp,
     TorqueGain,
     TorqueSpeedLimit,
@@ -85,14 +83,6 @@ def test_gain_inertia_and_gravity_show_in_two_combinations_only():
     full = Model(GeneralJoint(J=0.2, G=1.5), (TorqueGain(c=c), RotorInertia(J_r=J_r)), dt=0.02)
     plain = Model(GeneralJoint(J=(0.2 + J_r) / c, G=1.5 / c), dt=0.02)
     np.testing.assert_allclose(simulate(full, u, 2.0, 0.0).theta, simulate(plain, u, 2.0, 0.0).theta, rtol=1e-9)
-
-
-@pytest.mark.parametrize("kind", [Delay, SensorDelay])
-def test_a_dead_time_beyond_its_memory_is_refused(kind):
-    with pytest.raises(InvalidInput, match=r"T = 0.11 s is out of bounds: expected 0 <= .*T <= 0.1$"):
-        kind(T=0.11, longest=0.1)
-    with pytest.raises(InvalidInput, match=r"delay longest = 0.0: expected a positive time"):
-        kind(longest=0.0)
 
 
 CURVE = TorqueSpeedLimit(limit=1.5, k=0.3)

@@ -17,8 +17,6 @@ from sysid import (
     Effect,
     FlexibleTransmission,
     GeneralJoint,
-    GridSearch,
-    InvalidInput,
     LinearAxis,
     LuGre,
     Model,
@@ -26,7 +24,6 @@ from sysid import (
     RotorInertia,
     Sensor,
     Stribeck,
-    UnscentedKalman,
     Viscous,
     simulate,
 )
@@ -35,7 +32,7 @@ from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects.effect import Stretch
 from sysid.planning.excitation import multisine
-from tests.sysid.planted import assert_named, assert_recovered, logs, rod, truth
+from tests.sysid.planted import assert_named, assert_recovered, logs, truth
 
 DAHL = Dahl(tau_c=0.2, z_s=0.08)
 LUGRE = LuGre(tau_c=0.15, z_s=0.08, ratio=1.8, v_s=0.4)
@@ -195,13 +192,6 @@ def test_it_is_named_alone(effect):
 
 def test_friction_that_does_not_give_is_not_called_a_spring():
     assert_named(Coulomb(tau_c=0.15), logs(truth(Coulomb(tau_c=0.15)), seed=3))
-
-
-@pytest.mark.parametrize("method", [GridSearch(), UnscentedKalman()], ids=["grid", "unscented"])
-def test_a_method_that_cannot_carry_it_says_so(method):
-    model = rod(replace(DAHL, tau_c=0.1))
-    with pytest.raises(InvalidInput, match="'dahl' has states of its own"):
-        method.fit(model, logs(truth(), n=1))
 
 
 @pytest.mark.parametrize("seconds", [12.0, 40.0])

@@ -142,12 +142,6 @@ def test_what_belongs_to_the_log_or_the_sensor_is_said_to():
     assert drag.startswith("drag (c = 0.02 N s^2/m^2)") and gain.startswith("torque_gain (c = 1.1) is not in the file")
 
 
-def test_many_machines_are_refused():
-    for language in (to_mjcf, to_urdf):
-        with pytest.raises(InvalidInput, match="expected a model of one machine"):
-            language(Model(ROD).with_parameters({"m": np.ones(3)}))
-
-
 # ---- a user's MJCF -----------------------------------------------------------------------------------------------
 
 ROBOT = """<!-- our robot, licensed to be kept -->
