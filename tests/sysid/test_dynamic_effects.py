@@ -68,31 +68,6 @@ def test_a_motion_solves_the_equations_to_second_order(effect):
     assert off[16] < off[2] / 20.0  # a kink apart, 64
 
 
-def test_an_undamped_transmission_keeps_the_energy():
-    flexible = replace(FLEXIBLE, zeta=0.0)
-    model = Model(LinearAxis(m=0.4), (flexible,), RK4(substeps=2), 0.02)
-    state, J = model.initial_state(0.0, 1.0)._replace(memory=((0.02, 0.0),)), flexible.J
-    energies = []
-    for _ in range(500):
-        (delta, delta_dot), k = state.memory[0], J * (2.0 * math.pi * flexible.f) ** 2
-        load = state.theta_dot + delta_dot
-        energies.append(0.5 * (0.4 * state.theta_dot**2 + J * load**2 + k * delta**2))
-        state = model.advance(state, 0.0)
-    assert np.ptp(energies) < 0.01 * energies[0]
-
-
-def test_a_free_joint_rings_with_both_inertias():
-    """At f sqrt(1 + J / J_joint); held, it would ring at f."""
-    dt, flexible = 0.002, replace(FLEXIBLE, zeta=0.0)
-    model = Model(LinearAxis(m=0.4), (flexible,), RK4(), dt)
-    u = np.zeros(2000)
-    u[:5] = 10.0
-    speed = simulate(model, u, 0.0, 0.0).theta_dot[10:]
-    swing = speed - np.mean(speed)
-    rises = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
-    assert 1.0 / (np.mean(np.diff(rises)) * dt) == pytest.approx(4.0 * math.sqrt(1.0 + 0.1 / 0.4), rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("general", "special"),
     [
