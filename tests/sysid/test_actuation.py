@@ -1,7 +1,5 @@
 """What happens to a command: delay, lag and stamp are exact, static effects follow their formula."""
 
-import math
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -104,13 +102,6 @@ CURVE = TorqueSpeedLimit(limit=1.5, k=0.3)
 def test_a_motor_gives_what_its_curve_leaves(drive, theta_dot, given):
     """1.5 N m at rest, 0.3 less for each rad/s along the drive, nothing beyond the no-load speed of 5 rad/s."""
     assert drive + CURVE.torque(Joint(0.3, theta_dot, 0.0, drive, 0.0, ROD)) == pytest.approx(given)
-
-
-def test_a_motor_runs_up_to_its_no_load_speed():
-    """v = (limit / k) (1 - exp(-k t / J)) from rest, whatever more is asked for."""
-    joint = GeneralJoint(J=0.2, G=0.0, bounds={"G": (-1.0, 1.0)})
-    run = simulate(Model(joint, (CURVE,), RK4(substeps=4), 0.02), np.full(200, 9.0), math.pi, 0.0)
-    np.testing.assert_allclose(run.theta_dot, 5.0 * -np.expm1(-0.3 * run.t / 0.2), atol=1e-6)
 
 
 def test_a_torque_that_falls_with_speed_is_found_and_named():
