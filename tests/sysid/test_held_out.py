@@ -15,7 +15,6 @@ from sysid import (
     Coulomb,
     Delay,
     Model,
-    Record,
     RodPendulum,
     Sensor,
     SensorDelay,
@@ -103,12 +102,9 @@ def test_the_state_is_refitted_to_the_least_squares_optimum() -> None:
 
 
 def test_an_error_in_one_rollout_is_found_there() -> None:
-    records = logs(rod())
     push = np.zeros(300)
     push[120:135] = 1.0
-    hand = SENSOR.measure(simulate(rod(), records[3].u + push, records[3].theta[0], 0.0), np.random.default_rng(7))[0]
-    records[3] = Record(hand.t, records[3].u, hand.theta, hand.theta_dot, name="pushed")
-    worst = held_out_error(rod(), records, SENSOR).worst[0]
+    worst = held_out_error(rod(), planted.pushed(logs(rod()), 3, rod(), push, seed=7), SENSOR).worst[0]
     assert worst.record == "pushed"
     assert worst.begin <= 120 * 0.02 < worst.end
     assert worst.ratio > 3.0
