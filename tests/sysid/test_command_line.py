@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sysid.__main__ import main
 from sysid.cli.command_options import COMMANDS
 from sysid.cli.starting_model import _turns_round
 from sysid.planning.excitation import multisine
+from tests.hostile_input import answering
 from tests.sysid.written import table, write
 
 ROOT = Path(__file__).parents[2]
@@ -307,21 +309,15 @@ def noisy_rest():
     return LOG + "".join(rows)
 
 
+refused = partial(answering.refused, main)
+
+
 FILES = {
     "missing columns": ("time,angle\n0,1\n", "found time, angle"),
     "at rest": (STILL, "nothing excites m"),
     "at rest under noise": (noisy_rest(), "nothing excites m"),
     "no CSV": ("\x00\x01\x02", "bad.csv"),
 }
-
-
-def refused(words, capsys):
-    """What the command says of wrong input: one line, exit code 2, no traceback."""
-    assert main(words) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: ")
-    assert said.count("\n") == 1
-    return said
 
 
 @pytest.mark.parametrize(("text", "message"), FILES.values(), ids=FILES.keys())
