@@ -37,17 +37,6 @@ def test_intervals_cover_at_their_level(level):
     assert norm.cdf(high, 2.0, 0.2) - norm.cdf(low, 2.0, 0.2) == pytest.approx(level)
 
 
-def test_intervals_cover_draws_from_their_covariance():
-    rng, covariance = np.random.default_rng(0), [[0.01, 0.0008], [0.0008, 1e-4]]
-    draws = rng.multivariate_normal([2.0, 0.1], covariance, 4000)
-    inside = 0
-    for m, b in draws:
-        fitted = Model(RodPendulum(m=m, l=1.5), (Viscous(b=b),))
-        low, high = estimate(covariance, model=fitted).interval()["m"]
-        inside += low < 2.0 < high
-    assert inside / 4000 == pytest.approx(0.95, abs=0.015)
-
-
 SCALES = np.array([estimate(np.eye(2)).model.parameters[n].scale for n in ("m", "viscous.b")])
 
 
