@@ -14,7 +14,6 @@ from sysid import (
     Model,
     RodPendulum,
     Stamp,
-    Viscous,
     simulate,
 )
 
@@ -39,24 +38,22 @@ def test_back_ends_agree_on_the_derivatives_of_a_delay_and_a_lag(kind, T, agree)
     agree(Model(RodPendulum(m=1.3, l=0.9), (kind(T=T),), RK4(substeps=3), dt=0.02), steps=60)
 
 
-def test_floats_stay_python_floats(all_effects, integrator):
+@pytest.mark.parametrize(
+    ("theta", "theta_dot", "commands", "kind"),
+    [
+        (math.pi, 0.0, (1.0, -2.0, 0.5), float),
+        (torch.full((4,), 3.0), torch.zeros(4), (torch.ones(4),), torch.float32),
+    ],
+    ids=["floats", "single precision"],
+)
+def test_numbers_stay_of_their_kind(theta, theta_dot, commands, kind, all_effects, integrator):
     model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
-    state, sensing = model.initial_state(math.pi, 0.0), model.sensing(math.pi, 0.0)
-    for u in (1.0, -2.0, 0.5):
+    state, sensing = model.initial_state(theta, theta_dot), model.sensing(theta, theta_dot)
+    for u in commands:
         state = model.advance(state, u, 0.1)
         reading, sensing = model.read(state.theta, state.theta_dot, sensing, 0.1)
     entries = [state.theta, state.theta_dot, *reading, *(v for own in (*state.memory, *sensing) for v in own)]
-    assert {type(v) for v in entries} == {float}
-
-
-def test_single_precision_tensors_stay_single(all_effects, integrator):
-    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
-    state = model.initial_state(torch.full((4,), 3.0), torch.zeros(4))
-    sensing = model.sensing(state.theta, state.theta_dot)
-    state = model.advance(state, torch.ones(4), 0.1)
-    reading, sensing = model.read(state.theta, state.theta_dot, sensing, 0.1)
-    entries = [state.theta, state.theta_dot, *reading, *(v for own in (*state.memory, *sensing) for v in own)]
-    assert {v.dtype for v in entries} == {torch.float32}
+    assert {getattr(v, "dtype", type(v)) for v in entries} == {kind}
 
 
 def test_a_thousand_rollouts_at_once_equal_the_single_ones(all_effects, integrator):
@@ -137,14 +134,6 @@ def test_input_effects_act_by_stage_however_they_are_listed():
     np.testing.assert_array_equal(one.theta, other.theta)
 
 
-def test_parameters_are_named_after_their_effect():
-    model = Model(RodPendulum(), (Viscous(b=0.1), Delay(T=0.01)))
-    assert list(model.parameters) == ["m", "l", "g", "viscous.b", "delay.T"]
-    assert model.parameters["delay.T"].bounds == (0.0, 0.3)
-    assert model.with_parameters({"viscous.b": 0.3}).parameters["viscous.b"].value == 0.3
-    assert model.parameters["viscous.b"].value == 0.1
-
-
 def test_what_looks_ahead_is_handed_the_next_row_and_primed_before_the_first():
     u = np.random.default_rng(4).uniform(-2.0, 2.0, 30)
     model = Model(RodPendulum(), (Stamp(), Lag(T=0.05)), dt=0.02)
@@ -166,16 +155,6 @@ def test_a_whole_record_at_once_equals_interval_by_interval(T, substeps, all_eff
         model = Model(RodPendulum(), path, RK4(substeps), dt=0.02)
         np.testing.assert_allclose(model.drive_record(u), list(model.drives(u.tolist())), rtol=0.0, atol=1e-12)
         np.testing.assert_array_equal(model.drive_record(np.stack([0.5 * u, u]))[1], model.drive_record(u))
-
-
-def test_the_machine_is_the_model_without_what_belongs_to_the_log():
-    model = Model(RodPendulum(), (Viscous(b=0.1), Stamp(s=0.5)))
-    assert [e.name for e in model.machine.effects] == ["viscous"]
-
-
-def test_effects_come_and_go():
-    model = Model(RodPendulum(), (Viscous(b=0.1),))
-    assert [e.name for e in model.with_effect(Lag()).without_effect("viscous").effects] == ["lag"]
 
 
 def test_a_model_steps_finely_if_nothing_else_is_asked_for():
