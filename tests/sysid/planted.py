@@ -63,6 +63,8 @@ JOINT = Model(GeneralJoint(J=0.3, G=2.0), (Viscous(b=0.07),), RK4(substeps=2), D
 NAMES = ("J", "G", "viscous.b")
 """A damped joint, and what it is made of."""
 STEPS = partial(steps, u_max=1.5, hold=0.3)
+HAND = np.repeat([0.0, 1.2, 0.0], [75, 30, 145])
+"""A hand that leans on a joint from 1.5 s to 2.1 s of five."""
 FEW = ("viscous", "coulomb", "tilt", "delay")
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
@@ -184,13 +186,25 @@ def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None,
     return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
 
 
-def pushed(records: list[Record], i: int, *effects: Effect) -> list[Record]:
-    """A hand leans on rollout i from 1.5 s to 2.1 s; `effects` are what the machine has."""
-    push = np.zeros(len(records[i]))
-    push[75:105] = 1.2
-    run = simulate(truth(*effects), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
-    (made,) = SENSOR.measure(run, np.random.default_rng(9))
-    return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
+def under_control(
+    model: Model, controller: Callable[[int, float, float], float], start: float, errors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Commands (N,) of a controller by the step, the angle and the speed, which it reads with errors (N+1, 2); and the
+    motion (N+1, 2) from standstill."""
+    u, x, state = np.zeros(len(errors) - 1), np.zeros(errors.shape), model.initial_state(start, 0.0)
+    for k in range(len(u)):
+        x[k] = state.theta, state.theta_dot
+        u[k] = controller(k, *(x[k] + errors[k]))
+        state = model.advance(state, u[k], k * model.dt)
+    x[-1] = state.theta, state.theta_dot
+    return u, x
+
+
+def pushed(records: list[Record], i: int, model: Model, push: np.ndarray = HAND, seed: int = 9) -> list[Record]:
+    """Beside its command a push (N,) acts on rollout i of this model, that the record does not show."""
+    run = simulate(model, records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
+    (made,) = SENSOR.measure(run, np.random.default_rng(seed))
+    return [*records[:i], dataclasses.replace(made, u=records[i].u, name="pushed"), *records[i + 1 :]]
 
 
 def misread(records: list[Record]) -> list[Record]:
@@ -237,7 +251,7 @@ UNKNOWN: dict[str, tuple[Effect, tuple[str, ...], str]] = {
 @cache
 def records_of(name: str) -> tuple[Record, ...]:
     if name == "pushed":
-        return tuple(pushed(logs(truth()), 1))
+        return tuple(pushed(logs(truth()), 1, truth()))
     if name == "misread":
         return tuple(misread(logs(truth())))
     others = {"stamped": (Stamp(s=-0.5),), "nothing": ()}

@@ -214,18 +214,6 @@ def test_the_limit_of_a_servo_that_falls_with_speed_is_found(truth: Model) -> No
     assert found.torque.drive == pytest.approx(asked, rel=0.3), "a torque, and not the angle that the drive was told"
 
 
-def test_a_model_has_one_actuator_and_no_effect_that_contains_it() -> None:
-    with pytest.raises(InvalidInput, match="actuators torque_constant and dc_motor: expected one of them"):
-        joint(TorqueConstant(), DCMotor())
-    with pytest.raises(InvalidInput, match="contain each other"):
-        joint(PositionServo(), Saturation(limit=1.0))
-    with pytest.raises(InvalidInput, match=r"a voltage of 3 V, beyond the model's limit"):
-        fit(
-            Model(GeneralJoint(), (DCMotor(),), dt=0.1, u_max=2.0),
-            [Record([0.0, 0.1, 0.2], [3.0, 1.0], [0.0, 0.1, 0.3])],
-        )
-
-
 def test_an_input_effect_is_told_in_the_unit_of_the_command() -> None:
     assert joint(DCMotor(), Saturation(limit=5.0)).parameters["saturation.limit"].unit == "V"
     assert joint(TorqueConstant(), Coulomb()).parameters["coulomb.tau_c"].unit == "N m"

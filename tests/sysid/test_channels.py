@@ -81,11 +81,6 @@ def test_a_filtered_speed_that_leads_a_search_astray_is_dropped() -> None:
     assert relied_on(JOINT, records, sensor) == Sensor(theta=ANGLE)
 
 
-def test_a_hopelessly_noisy_speed_is_dropped() -> None:
-    sensor = Sensor(theta=ANGLE, theta_dot=20.0 * SIMILAR)
-    assert relied_on(JOINT, logs(sensor), sensor) == Sensor(theta=ANGLE)
-
-
 def test_better_speeds_stay_and_worse_ones_go() -> None:
     """There is one limit: once a speed is too noisy to be worth its risk, a noisier one is, too."""
     kept = []

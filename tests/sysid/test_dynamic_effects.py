@@ -17,8 +17,6 @@ from sysid import (
     Effect,
     FlexibleTransmission,
     GeneralJoint,
-    GridSearch,
-    InvalidInput,
     LinearAxis,
     LuGre,
     Model,
@@ -26,7 +24,6 @@ from sysid import (
     RotorInertia,
     Sensor,
     Stribeck,
-    UnscentedKalman,
     Viscous,
     simulate,
 )
@@ -35,7 +32,7 @@ from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects.effect import Stretch
 from sysid.planning.excitation import multisine
-from tests.sysid.planted import assert_named, assert_recovered, logs, rod, truth
+from tests.sysid.planted import assert_named, assert_recovered, logs, truth
 
 DAHL = Dahl(tau_c=0.2, z_s=0.08)
 LUGRE = LuGre(tau_c=0.15, z_s=0.08, ratio=1.8, v_s=0.4)
@@ -69,31 +66,6 @@ def test_a_motion_solves_the_equations_to_second_order(effect):
     off = {n: np.max(np.abs(theta - path)) for n, theta in runs.items()}
     assert off[2] < 2e-3
     assert off[16] < off[2] / 20.0  # a kink apart, 64
-
-
-def test_an_undamped_transmission_keeps_the_energy():
-    flexible = replace(FLEXIBLE, zeta=0.0)
-    model = Model(LinearAxis(m=0.4), (flexible,), RK4(substeps=2), 0.02)
-    state, J = model.initial_state(0.0, 1.0)._replace(memory=((0.02, 0.0),)), flexible.J
-    energies = []
-    for _ in range(500):
-        (delta, delta_dot), k = state.memory[0], J * (2.0 * math.pi * flexible.f) ** 2
-        load = state.theta_dot + delta_dot
-        energies.append(0.5 * (0.4 * state.theta_dot**2 + J * load**2 + k * delta**2))
-        state = model.advance(state, 0.0)
-    assert np.ptp(energies) < 0.01 * energies[0]
-
-
-def test_a_free_joint_rings_with_both_inertias():
-    """At f sqrt(1 + J / J_joint); held, it would ring at f."""
-    dt, flexible = 0.002, replace(FLEXIBLE, zeta=0.0)
-    model = Model(LinearAxis(m=0.4), (flexible,), RK4(), dt)
-    u = np.zeros(2000)
-    u[:5] = 10.0
-    speed = simulate(model, u, 0.0, 0.0).theta_dot[10:]
-    swing = speed - np.mean(speed)
-    rises = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
-    assert 1.0 / (np.mean(np.diff(rises)) * dt) == pytest.approx(4.0 * math.sqrt(1.0 + 0.1 / 0.4), rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -195,13 +167,6 @@ def test_it_is_named_alone(effect):
 
 def test_friction_that_does_not_give_is_not_called_a_spring():
     assert_named(Coulomb(tau_c=0.15), logs(truth(Coulomb(tau_c=0.15)), seed=3))
-
-
-@pytest.mark.parametrize("method", [GridSearch(), UnscentedKalman()], ids=["grid", "unscented"])
-def test_a_method_that_cannot_carry_it_says_so(method):
-    model = rod(replace(DAHL, tau_c=0.1))
-    with pytest.raises(InvalidInput, match="'dahl' has states of its own"):
-        method.fit(model, logs(truth(), n=1))
 
 
 @pytest.mark.parametrize("seconds", [12.0, 40.0])

@@ -143,21 +143,6 @@ def test_what_errors_cost_falls_as_promised_and_where_it_is_high() -> None:
         assert e.after < 1.001 * other, "the other plan serves this cost better"
 
 
-@pytest.mark.parametrize(
-    ("given", "sentence"),
-    [
-        ({"cost": np.eye(3)}, "cost has shape"),
-        ({"cost": np.eye(2), "rivals": ("coulomb", "viscous")}, "a cost of errors has no rivals"),
-    ],
-)
-def test_a_cost_that_says_nothing_is_refused(given: dict, sentence: str) -> None:
-    estimate = fit(rod(), log(rod(), slow_sines()), SENSOR, NAMES)
-    with pytest.raises(InvalidInput, match=sentence):
-        next_experiment(estimate, limits=LIMITS, **given)
-    with pytest.raises(InvalidInput, match="needs an estimate"):
-        next_experiment(rod(), limits=LIMITS, sensor=SENSOR, cost=np.eye(2))
-
-
 def test_first_order_evidence_is_that_of_the_scores() -> None:
     """lambda (1 - rho^2), with z_perp as the scores take it, once the truth's own motion is the nominal one."""
     small = 1e-5
@@ -409,26 +394,3 @@ def test_an_estimate_that_no_motion_determines_asks_for_a_payload() -> None:
 
 
 # bad input ----------------------------------------------------------------------------------------------------
-
-
-def test_what_cannot_be_answered_is_said() -> None:
-    with pytest.raises(InvalidInput, match="did you mean coulomb"):
-        next_experiment(rod(), ("coulumb",), LIMITS, SENSOR)
-    with pytest.raises(InvalidInput, match="twice"):
-        next_experiment(rod(), ("coulomb", "coulomb"), LIMITS, SENSOR)
-    with pytest.raises(InvalidInput, match="noise"):
-        next_experiment(rod(), ("coulomb",), LIMITS)
-    with pytest.raises(InvalidInput, match="no limits"):
-        next_experiment(rod(), ("coulomb",), sensor=SENSOR)
-    with pytest.raises(InvalidInput, match="no torque"):
-        next_experiment(rod(), records=log(rod(), 0.0 * slow_sines()), sensor=SENSOR)
-    with pytest.raises(InvalidInput, match="samples"):
-        next_experiment(rod(), limits=Limits(1.0, 0.1), sensor=SENSOR)
-    limited = Model(rod().plant, dt=0.02, u_max=1.0)
-    with pytest.raises(InvalidInput, match="beyond the model's own limit"):
-        next_experiment(limited, limits=Limits(2.0), sensor=SENSOR)
-    with pytest.raises(InvalidInput, match="cannot stand"):
-        next_experiment(rod().with_effect(Delay(T=0.02)), ("stamp", "lag"), LIMITS, SENSOR)
-    for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}):
-        with pytest.raises(InvalidInput, match="limits"):
-            Limits(**({"u_max": 1.0} | wrong))

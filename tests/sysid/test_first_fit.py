@@ -42,7 +42,7 @@ from sysid.estimation.scores import scores
 from sysid.estimation.solver import fit_parameters
 from sysid.estimation.torque_regression import telling_motion
 from sysid.planning.excitation import multisine
-from tests.sysid.planted import DT, with_memory
+from tests.sysid.planted import DT, under_control, with_memory
 
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
 ROBOT = Model(GeneralJoint(J=0.5, G=3.0), (Viscous(b=3.0), Coulomb(tau_c=2.5)), dt=DT)
@@ -218,21 +218,14 @@ def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> N
     assert found.values[1] == pytest.approx(0.0087, rel=0.03)
 
 
-def test_a_torque_that_never_changes_shows_an_inertia() -> None:
-    """It moves the middle about which a weight swings, and no offset is asked for beside it."""
-    held = np.full((1, 600), 0.018)
-    machine = Model(GeneralJoint(J=0.021, G=0.09), (Viscous(b=0.002),), dt=DT)
+@pytest.mark.parametrize(("torque", "G"), [(0.018, 0.09), (0.018, 1.0), (0.1, 1.0), (1.0 / 3.0, 1.0)])
+def test_a_torque_that_never_changes_shows_an_inertia_and_no_friction(torque: float, G: float) -> None:
+    """It moves the middle about which a weight swings; what rounding leaves of its changes explains nothing."""
+    held = np.full((1, 600), torque)
+    machine = Model(GeneralJoint(J=0.021, G=G), (Viscous(b=0.002),), dt=DT)
     records = SENSOR.measure(simulate(machine, held, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
     guess = initial_guess(Model(GeneralJoint(), dt=DT), ("J", "G"), records, SENSOR)
-    np.testing.assert_allclose([guess.plant.parameters[n].value for n in ("J", "G")], [0.021, 0.09], rtol=0.1)
-
-
-@pytest.mark.parametrize("torque", [0.018, 0.1, 1.0 / 3.0])
-def test_friction_explains_nothing_of_a_torque_that_never_changes(torque: float) -> None:
-    """What rounding leaves of its changes says nothing of an inertia."""
-    u = np.full((1, 600), torque)
-    machine = Model(GeneralJoint(J=0.021, G=1.0), (Viscous(b=0.002),), dt=DT)
-    records = SENSOR.measure(simulate(machine, u, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
+    np.testing.assert_allclose([guess.plant.parameters[n].value for n in ("J", "G")], [0.021, G], rtol=0.1)
     assert _least_inertia(telling_motion(machine, records, SENSOR)) == {}
 
 
@@ -242,13 +235,9 @@ def asked_for(gain: float, seed: int, limit: float = 5.0) -> Record:
     effects = (Viscous(b=1.5), Coulomb(tau_c=0.4), Saturation(limit=limit))
     truth = Model(GeneralJoint(J=0.25, G=0.0), effects, dt=dt)
     target = math.pi + np.repeat(rng.uniform(-1.0, 1.0, n // 100), 100)
-    theta, u = np.full(n + 1, math.pi), np.zeros(n)
-    theta_dot, memory = 0.0, truth.rest(0.0)
-    for k in range(n):
-        u[k] = gain * (target[k] - theta[k] - 0.1 * theta_dot)
-        drives, memory = truth.drive(u[k], memory)
-        theta[k + 1], theta_dot = truth.move(theta[k], theta_dot, drives, k * dt)
-    return Record(dt * np.arange(n + 1), u, theta + 1e-3 * rng.standard_normal(n + 1), name="asked for")
+    asked, exact = lambda k, theta, theta_dot: gain * (target[k] - theta - 0.1 * theta_dot), np.zeros((n + 1, 2))
+    u, x = under_control(truth, asked, math.pi, exact)
+    return Record(dt * np.arange(n + 1), u, x[:, 0] + 1e-3 * rng.standard_normal(n + 1), name="asked for")
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -5,7 +5,6 @@ import pytest
 
 from study.paper.protocol import paper_model
 from sysid import (
-    InvalidInput,
     Sensor,
     fisher_information,
     simulate,
@@ -66,9 +65,3 @@ def test_information_of_records_adds_up_and_a_cut_takes_some_away(case):
     at = np.array([[run.theta[k], run.theta_dot[k]] for k in (0, 20)])
     lost = each[0] - fisher_information(model, names, pieces, SENSOR, at)
     assert np.all(np.linalg.eigvalsh(lost) > -1e-6 * np.trace(whole))
-
-
-def test_starts_of_another_shape_are_refused():
-    data = records(RICH)
-    with pytest.raises(InvalidInput, match=r"shape \(1, 2\): expected \(2, 2\)"):
-        fisher_information(RICH, ("J",), data, SENSOR, starts(data)[:1])

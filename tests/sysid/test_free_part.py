@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,12 +42,17 @@ def test_what_swings_from_the_first_sample_on_is_read_whole(seed: int, noise: fl
     assert free_part(record) == (record, "")
 
 
-@pytest.mark.parametrize("held", (0.1, 1.0, 4.0))
-@pytest.mark.parametrize("away", (-1.0, 0.4, 2.0))
-def test_what_is_held_at_first_is_read_from_where_it_is_let_go(held: float, away: float) -> None:
+def held(seconds: float, away: float = 1.0) -> np.ndarray:
+    """A swing before which a hand holds the pendulum."""
     free = swing(math.pi + away)
-    record, said = free_part(logged(np.concatenate([np.full(round(held / DT), free[0]), free])))
-    assert held < record.t[0] < held + 0.5 * PERIOD
+    return np.concatenate([np.full(round(seconds / DT), free[0]), free])
+
+
+@pytest.mark.parametrize("seconds", (0.1, 1.0, 4.0))
+@pytest.mark.parametrize("away", (-1.0, 0.4, 2.0))
+def test_what_is_held_at_first_is_read_from_where_it_is_let_go(seconds: float, away: float) -> None:
+    record, said = free_part(logged(held(seconds, away)))
+    assert seconds < record.t[0] < seconds + 0.5 * PERIOD
     assert said.startswith(f"swing: the first {record.t[0]:.3g} s are left out")
     assert len(record.previous_commands) > 0, "no torque acted before, which is known"
 
@@ -115,21 +119,11 @@ def test_logs_without_angles_and_without_motion_are_read_whole() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("held", (0.1, 4.0))
-def test_a_diagnosis_is_not_bent_by_the_hand_that_held(tmp_path, held: float) -> None:
-    free = swing(math.pi + 1.0)
-    check_diagnosis(np.concatenate([np.full(round(held / DT), free[0]), free]), tmp_path / "swing.csv")
-
-
-@pytest.mark.long
-def test_a_diagnosis_is_not_bent_by_the_hand_that_caught(tmp_path) -> None:
-    check_diagnosis(caught(12.0, 3.0), tmp_path / "swing.csv")
-
-
-def check_diagnosis(theta: np.ndarray, path: Path) -> None:
+@pytest.mark.parametrize(("made", "seconds"), [(held, (0.1,)), (held, (4.0,)), (caught, (12.0, 3.0))])
+def test_a_diagnosis_is_not_bent_by_a_hand(made, seconds, tmp_path) -> None:
     """Both frictions are named, with their numbers, of a log that a hand had part in."""
-    write_csv(logged(theta), path)
-    log = read(path, thin=False)
+    write_csv(logged(made(*seconds)), tmp_path / "swing.csv")
+    log = read(tmp_path / "swing.csv", thin=False)
     assert any("a hand holds or moves it there" in note for note in log.notes)
     found = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
     assert {step.effect for step in found.steps} == {"coulomb", "viscous"}

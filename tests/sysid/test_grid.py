@@ -8,7 +8,6 @@ import pytest
 from sysid import (
     Delay,
     GridSearch,
-    InvalidInput,
     Model,
     Record,
     RodPendulum,
@@ -68,30 +67,6 @@ def test_a_record_says_as_much_as_its_steps_one_by_one():
     whole, cut = (GridSearch().fit(rod(), own) for own in (records, steps))
     assert cut.values == whole.values and cut.n_readings == whole.n_readings
     np.testing.assert_allclose(cut.covariance, whole.covariance, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("search", "message"),
-    [
-        (GridSearch(parameters=("m", "mass")), "unknown parameter 'mass': this model has m, l, g"),
-        (GridSearch(parameters=()), "no parameters to fit: choose among m, l, g"),
-        (GridSearch(parameters="ml"), r"parameters = 'ml': expected a list of names"),
-        (GridSearch(parameters=("m", "m")), "a parameter is named twice in m, m"),
-        (GridSearch(points=1), "points = 1: expected at least 2"),
-        (GridSearch(points=1001), r"1001\^2 cells are too many for a grid: use LeastSquares"),
-    ],
-)
-def test_bad_settings_are_refused(search, message):
-    with pytest.raises(InvalidInput, match=message):
-        search.fit(rod(), [noise_free(rod())])
-
-
-def test_missing_channels_and_records_are_named():
-    t, u = 0.05 * np.arange(4), np.zeros(3)
-    with pytest.raises(InvalidInput, match="log has no theta: a grid search needs angles and speeds"):
-        GridSearch().fit(rod(), [Record(t, u, theta_dot=np.zeros(4), name="log")])
-    with pytest.raises(InvalidInput, match="no records were given"):
-        GridSearch().fit(rod(), [])
 
 
 def test_a_sensor_that_is_far_too_good_is_doubted():

@@ -44,11 +44,6 @@ def test_importing_sysid_loads_no_learning_and_no_drawing():
     assert fresh(f"import sys, sysid; print([n for n in {heavy} if n in sys.modules])") == "[]"
 
 
-def test_importing_sysid_is_quick():
-    clock = "import time; t = time.perf_counter(); import sysid; print(time.perf_counter() - t)"
-    assert min(float(fresh(clock)) for _ in range(3)) < 1.5
-
-
 def test_every_public_name_exists():
     assert fresh("import sysid; print([n for n in sysid.__all__ if not hasattr(sysid, n)])") == "[]"
 

@@ -131,50 +131,6 @@ def test_what_is_predicted_is_conditioned_on_what_came_before(disturbances: Dist
         np.testing.assert_allclose(found.states[k, 10:], mean[k], rtol=1e-7, atol=1e-7)
 
 
-def drawn(given: LinearSystem, disturbances: Disturbances, seed: int) -> LinearSystem:
-    """The system with readings r that were drawn from its own equations."""
-    rng, M = np.random.default_rng(seed), len(given.r)
-    sizes, times = np.array([disturbances.s, disturbances.sigma_o]), np.array([disturbances.T, disturbances.T_o])
-    kept = np.exp(-DT / times)
-    r = np.zeros((M, 2))
-    for k in range(M):
-        if k == 0 or not given.follows[k - 1]:
-            x, slow = np.array(SPREAD) * rng.standard_normal(2), sizes * rng.standard_normal(2)
-        else:
-            x = given.A[k - 1] @ [*x, slow[0]] + given.gap[k - 1]
-            slow = kept * slow + sizes * np.sqrt(1.0 - kept**2) * rng.standard_normal(2)
-        r[k] = given.H[k] @ x + [given.weight[k] * slow[1], 0.0] + rng.standard_normal(2)
-    there = np.any(given.H != 0.0, axis=2)
-    return replace(given, r=r * there)
-
-
-@pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
-def test_innovations_of_the_systems_own_readings_are_white_and_unit(disturbances: Disturbances) -> None:
-    given = drawn(system(3, (1500, 1500), "mixed channels"), disturbances, seed=4)
-    there = np.any(given.H != 0.0, axis=2)
-    e = given.filter(disturbances).innovations
-    assert np.all(e[~there] == 0.0)
-    n = int(np.sum(there))
-    assert abs(float(np.sum(e**2)) - n) < 4.0 * math.sqrt(2.0 * n)
-    assert np.max(np.abs(e)) < 5.0
-    for lag in range(1, 21):
-        for i in range(2):
-            for j in range(2):
-                both = there[lag:, i] & there[:-lag, j]
-                along = float(np.sum(e[lag:, i] * e[:-lag, j])) / math.sqrt(float(np.sum(both)))
-                assert abs(along) < 4.5, (lag, i, j)
-    assert abs(float(np.sum(e[:, 0] * e[:, 1]))) < 4.0 * math.sqrt(float(np.sum(there.all(axis=1))))
-
-
-def test_the_true_disturbances_are_likelier_than_others() -> None:
-    given = drawn(system(5, (2000, 2000)), BOTH, seed=6)
-    here = given.filter(BOTH).deviance
-    others = [replace(BOTH, **{key: factor * getattr(BOTH, key)}) for key in ("s", "sigma_o") for factor in (0.7, 1.5)]
-    others += [replace(BOTH, **{key: factor * getattr(BOTH, key)}) for key in ("T", "T_o") for factor in (0.3, 3.0)]
-    for other in others:
-        assert given.filter(other).deviance > here, other
-
-
 @pytest.mark.parametrize("read", READ)
 @pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
 def test_whitened_changes_are_what_the_innovations_lose(disturbances: Disturbances, read: str) -> None:
@@ -195,42 +151,6 @@ def test_whitened_changes_are_what_the_innovations_lose(disturbances: Disturbanc
         np.testing.assert_allclose(whitened[:, c], lost, rtol=1e-7, atol=1e-8)
         moved = replace(given, gap=given.gap + G[:, :, c], r=given.r - R[:, :, c]).filter(disturbances)
         np.testing.assert_allclose(before.smooth(G[:, :, c], R[:, :, c]), moved.smooth(), rtol=1e-7, atol=1e-7)
-
-
-def rolled(given: LinearSystem) -> tuple[np.ndarray, float, float]:
-    """Least squares of whole rollouts: the motion x (M, 2), the sum of squares and the log determinant of S."""
-    x, cost, logs = [], 0.0, 0.0
-    ends = np.flatnonzero(~given.follows) + 1
-    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
-        Phi, offset = np.eye(2), np.zeros(2)
-        maps, offsets = [], []
-        for k in range(begin, end):
-            maps.append(Phi)
-            offsets.append(offset)
-            Phi, offset = given.A[k, :, :2] @ Phi, given.A[k, :, :2] @ offset + given.gap[k]
-        S = np.concatenate([H @ P for H, P in zip(given.H[begin:end], maps, strict=True)])
-        rest = given.r[begin:end].ravel() - np.concatenate(
-            [H @ o for H, o in zip(given.H[begin:end], offsets, strict=True)]
-        )
-        # a start may be anywhere: its two rows hardly weigh
-        S, rest = np.concatenate([S, np.diag(1.0 / np.array(SPREAD))]), np.concatenate([rest, np.zeros(2)])
-        start = np.linalg.lstsq(S, rest, rcond=None)[0]
-        cost += float(np.sum((rest - S @ start) ** 2))
-        logs += float(np.linalg.slogdet(S.T @ S)[1]) + 2.0 * float(np.sum(np.log(SPREAD)))
-        x += [P @ start + o for P, o in zip(maps, offsets, strict=True)]
-    return np.array(x), cost, logs
-
-
-@pytest.mark.parametrize("read", READ[:4])
-def test_without_disturbances_it_is_least_squares_of_whole_rollouts(read: str) -> None:
-    given = system(9, (300, 200), read)
-    found = given.filter(Disturbances(0.0))
-    x, cost, logs = rolled(given)
-    assert np.sum(found.innovations**2) == pytest.approx(cost, rel=1e-9)
-    assert np.sum(found.log_variances) == pytest.approx(logs, rel=1e-9)
-    z = found.smooth()
-    np.testing.assert_allclose(z[:, :2], x, rtol=1e-6, atol=1e-7)
-    assert np.all(z[:, 2:] == 0.0) and np.all(found.posterior_sd()[:, 2:] == 0.0)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-150])

@@ -82,8 +82,9 @@ def ahead(values: np.ndarray, samples: Samples, by: tuple[int, int]) -> np.ndarr
     return moved
 
 
-def test_records_of_all_lengths_stand_one_after_the_other() -> None:
+def test_records_of_all_lengths_stand_one_after_the_other_and_count_from_their_own_start() -> None:
     given = records(JOINT, (7, 1, 30))
+    given[2] = replace(given[2], t=given[2].t + 7.0)
     samples = Samples(JOINT, given, SENSOR)
     assert len(samples) == 8 + 2 + 31 and samples.readings == 2 * len(samples)
     np.testing.assert_array_equal(np.bincount(samples.number), [8, 2, 31])
@@ -92,6 +93,7 @@ def test_records_of_all_lengths_stand_one_after_the_other() -> None:
         np.testing.assert_allclose(samples.y[:, column], np.concatenate([getattr(r, name) for r in given]), atol=1e-12)
     np.testing.assert_allclose(samples.weight, np.tile(1.0 / np.array([0.003, 0.05]), (len(samples), 1)))
     np.testing.assert_allclose(samples.t, np.concatenate([r.t for r in given]), atol=1e-12)
+    np.testing.assert_allclose(samples.time_since_start, np.concatenate([r.t - r.t[0] for r in given]), atol=1e-12)
     np.testing.assert_array_equal(samples.drives(JOINT)[samples.follows, 0], np.concatenate([r.u for r in given]))
 
 
@@ -256,13 +258,6 @@ def test_pieces_of_a_rollout_are_the_rollout() -> None:
     np.testing.assert_allclose(
         again.changes(names)[0][inside], own.changes(names)[0][rows][inside], rtol=1e-6, atol=1e-7
     )
-
-
-def test_a_log_that_begins_late_counts_from_its_own_start() -> None:
-    (one,) = records(SMOOTH, (50,))
-    samples = Samples(SMOOTH, [replace(one, t=one.t + 7.0)], SENSOR)
-    np.testing.assert_allclose(samples.time_since_start, DT * np.arange(51), atol=1e-12)
-    np.testing.assert_allclose(samples.t, 7.0 + DT * np.arange(51), atol=1e-12)
 
 
 def test_the_start_of_a_fit_follows_the_readings_without_a_model() -> None:

@@ -41,23 +41,19 @@ def test_a_tilted_base_is_an_encoder_that_is_off(pendulum):
     np.testing.assert_allclose(tilted.theta_dot_read, offset.theta_dot_read, atol=1e-10)
 
 
-def test_a_spring_swings_about_its_rest_with_its_own_period():
-    """Hanging, or the zero of a linear axis, wherever its metres are counted from."""
-    k, m, steps = 3.0, 0.75, RK4(substeps=4)
-    for plant, rest in ((LinearAxis(m=m), 0.0), (GeneralJoint(J=m, G=0.0), math.pi)):
-        run = simulate(Model(plant, (Spring(k=k),), steps, 0.01), np.zeros(500), rest + 0.4, 0.0)
-        np.testing.assert_allclose(run.theta - rest, 0.4 * np.cos(math.sqrt(k / m) * run.t), atol=1e-8)
+@pytest.mark.parametrize(
+    ("spring", "k_3", "a", "atol"), [(Spring(k=3.0), 0.0, 0.4, 1e-8), (CubicSpring(k=3.0, k_3=5.0), 5.0, 0.6, 1e-7)]
+)
+@pytest.mark.parametrize(("plant", "rest"), [(LinearAxis(m=0.75), 0.0), (GeneralJoint(J=0.75, G=0.0), math.pi)])
+def test_a_spring_swings_about_its_rest_as_duffings_oscillator(spring, k_3, a, atol, plant, rest):
+    """m x_ddot = -k x - k_3 x^3 from rest at a:  x = a cn(w t | a^2 k_3 / (2 m w^2)),   w^2 = (k + k_3 a^2) / m.
 
-
-def test_a_cubic_spring_swings_as_duffings_oscillator():
-    """m x_ddot = -k x - k_3 x^3 from rest at a:  x = a cn(w t | a^2 k_3 / (2 m w^2)),   w^2 = (k + k_3 a^2) / m."""
-    k, k_3, m, a = 3.0, 5.0, 0.75, 0.6
-    for plant, rest in ((LinearAxis(m=m), 0.0), (GeneralJoint(J=m, G=0.0), math.pi)):
-        model = Model(plant, (CubicSpring(k=k, k_3=k_3),), RK4(substeps=4), 0.01)
-        run = simulate(model, np.zeros(500), rest + a, 0.0)
-        w2 = (k + k_3 * a * a) / m
-        cn = ellipj(math.sqrt(w2) * run.t, 0.5 * k_3 * a * a / (m * w2))[1]
-        np.testing.assert_allclose(run.theta - rest, a * cn, atol=1e-7)
+    The rest is hanging, or the zero of a linear axis, wherever its metres are counted from.
+    """
+    run = simulate(Model(plant, (spring,), RK4(substeps=4), 0.01), np.zeros(500), rest + a, 0.0)
+    w2 = (3.0 + k_3 * a * a) / 0.75
+    cn = ellipj(math.sqrt(w2) * run.t, 0.5 * k_3 * a * a / (0.75 * w2))[1]
+    np.testing.assert_allclose(run.theta - rest, a * cn, atol=atol)
 
 
 @pytest.mark.long
