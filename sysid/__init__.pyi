@@ -35,6 +35,7 @@ from .export.prediction_table import write_predictions as write_predictions
 from .export.urdf import to_urdf as to_urdf
 from .physics import ops as ops
 from .physics.effects.actuation import BackEmf as BackEmf
+from .physics.effects.actuation import CoastingDrive as CoastingDrive
 from .physics.effects.actuation import DeadZone as DeadZone
 from .physics.effects.actuation import Delay as Delay
 from .physics.effects.actuation import Lag as Lag

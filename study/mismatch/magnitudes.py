@@ -1,8 +1,9 @@
 """The effects whose price is asked for: what each is made of at a size, and how large it may plausibly be.
 
-Left out of the catalogue: back_emf, which is viscous friction while the driver is on; stamp, which belongs to a log and
-not to a machine. Plausible is up to where a builder would no longer call it a detail: three quarters of the torque
-limit of 2 N m for a torque, the same at 5 rad/s for what grows with the speed, half for a gain, 0.3 s for a delay.
+Left out of the catalogue: back_emf and coasting_drive, which are viscous friction while the driver is on; stamp, which
+belongs to a log and not to a machine. Plausible is up to where a builder would no longer call it a detail: three
+quarters of the torque limit of 2 N m for a torque, the same at 5 rad/s for what grows with the speed, half for a gain,
+0.3 s for a delay.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     held = float(np.nansum(known[inside] ** 2))
     share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
     rare = held > share * energy > 0.0 and np.mean(inside) < MOST_TIME
-    if not rare or _commanded(fit, found, inside):
+    if not rare or _commanded(fit, known, found, inside):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
@@ -99,13 +99,13 @@ def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     return float(np.mean(held[inside])) > 0.5
 
 
-def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
+def _commanded(fit: Fit, torque: Array, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
     """Whether the drive is the cause: the stretches come with steps of the command more often than by chance, or the
     command is much larger inside than on average (a commanded angle has no such size)."""
     samples, actuator = fit.samples, fit.model.actuator
     command = np.full(len(inside), np.nan)
     command[samples.follows] = np.concatenate([r.u for r in samples.records])
-    if _with_steps(samples, command, found):
+    if _with_steps(samples, command, torque, found):
         return True
     if actuator is not None and actuator.at_angle:
         return False
@@ -113,8 +113,8 @@ def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) ->
     return bool(np.mean(square[inside]) > LARGEST_COMMAND * np.mean(square))
 
 
-def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> bool:
-    """Whether stretches begin near a step of the command (M,) more often than by chance.
+def _with_steps(samples: Samples, command: Array, torque: Array, found: Sequence[Contact]) -> bool:
+    """Whether stretches begin near a step of the command (M,), or peak soon after one, more often than by chance.
 
         sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, as does a share p of the log's time
 
@@ -125,8 +125,12 @@ def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> b
     steps = np.zeros(len(command), dtype=bool)
     steps[width:] = changes & (samples.number[width:] == samples.number[:-width])
     near = np.convolve(steps, np.ones(2 * soon + 1), "same") > 0.5
-    begins = [int(np.argmax(_within(samples, c))) for c in found]
-    n, k, p = len(found), int(np.sum(near[begins])), float(np.mean(near[samples.follows]))
+    after = np.convolve(steps, np.ones(soon + 1))[: len(steps)] > 0.5
+    spans = [np.flatnonzero(_within(samples, c)) for c in found]
+    begins = np.array([own[0] for own in spans])
+    peaks = np.array([own[np.nanargmax(np.abs(torque[own]))] for own in spans])
+    by_chance = near | np.roll(after, -round(float(np.mean(peaks - begins))))
+    n, k, p = len(found), int(np.sum(near[begins] | after[peaks])), float(np.mean(by_chance[samples.follows]))
     return sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(k, n + 1)) < LEAST_CHANCE
 
 

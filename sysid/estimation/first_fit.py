@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.estimation.initial_guess import initial_guesses, limited_guess
+from sysid.estimation.initial_guess import coasting_guess, initial_guesses, limited_guess
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
 from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_angle_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
-from sysid.physics.effects.actuation import Saturation
+from sysid.physics.effects.actuation import CoastingDrive, Saturation
 from sysid.physics.model import Model
 
 COMMON = ("viscous", "coulomb", "torque_bias")
@@ -35,13 +35,15 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
     """The fits beside common effects from each initial guess, without those that end at the same inertia as another.
 
     One begins beside a limit of the drive too, where a regression shows one far below the largest command. A limit that
-    is reached nearly always looks like a larger inertia, and no slope leads from there to it.
+    is reached nearly always looks like a larger inertia, and no slope leads from there to it. The same holds for a
+    drive that lets the joint coast, if it was given one command and none.
     """
     found: list[Fit] = []
-    limited = limited_guess(model, names, samples.records, samples.sensor)
     guesses = [(guess, tuple(names)) for guess in initial_guesses(model, names, samples.records, samples.sensor)]
-    if limited is not None:
-        guesses.append((limited, (*names, *limited.names_of(Saturation.name))))
+    for beside, effect in ((limited_guess, Saturation.name), (coasting_guess, CoastingDrive.name)):
+        special = beside(model, names, samples.records, samples.sensor)
+        if special is not None:
+            guesses.append((special, (*names, *special.names_of(effect))))
     for guess, free in guesses:
         helped = with_common(samples, guess, free)
         if all(abs(math.log(helped.inertia / other.inertia)) > ALIKE for other in found):

@@ -11,8 +11,14 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.torque_regression import IntegratedMotion, regression, telling_motion, weight_along
-from sysid.physics.effects.actuation import Saturation
+from sysid.estimation.torque_regression import (
+    SURELY,
+    IntegratedMotion,
+    regression,
+    telling_motion,
+    weight_along,
+)
+from sysid.physics.effects.actuation import CoastingDrive, Saturation
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -27,7 +33,7 @@ LITTLE = 0.1
 """Share of the torque that goes into accelerating an inertia which does not show beside friction."""
 LIMITS, LESS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), 0.7
 """Limits of the drive that a regression tries, as shares of the largest command; and the share of the unexplained
-changes of the speed that may be left with such a limit for it to count."""
+changes of the speed that may be left with such a limit, or with a drive that coasts, for it to count."""
 NEAREST_STEPS, LARGEST_STEP = 12, 5.0
 """Gauss-Newton steps to the nearest parameters with the 1/J and G/J of a log; largest change of a logarithm in one."""
 
@@ -93,6 +99,24 @@ def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     if not left[limit] < LESS * left[largest]:
         return None
     return initial_guess(model, names, limited(limit), sensor).with_effect(Saturation(limit=limit))
+
+
+def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model | None:
+    """The initial guess beside a back-EMF that acts only under a command; None if that does not explain the motion much
+    better than friction at all times, or if the model has it."""
+    known = {e.name for e in model.effects} & {CoastingDrive.name}
+    if known or (model.actuator is not None and model.actuator.at_angle):
+        return None
+    terms = telling_motion(model, records, sensor)
+    found = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)
+    left, before = 1.0 - found.share, 1.0 - regression(terms.columns, terms.speed_change).share
+    weight, torque, *_, driven = zip(found.value, found.sd, strict=True)
+    sure = [value > SURELY * sd for value, sd in (weight, torque, driven)]
+    if not (left < LESS * before and all(sure[1:])):
+        return None
+    shown = {"1/J": torque[0]} | ({"G/J": weight[0]} if model.plant.turns and sure[0] else {})
+    guess = _with_ratios(model, names, shown)
+    return guess.with_effect(CoastingDrive(k=driven[0] * float(guess.inertia())))
 
 
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:

@@ -81,7 +81,7 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
         offset = 0 if reading.channel == "theta" else 1
         normal.add([3 * reading.index + offset], [1.0], reading.sd, reading.value)
     k = 3 * np.arange(n)
-    exact = 1e-3 * reach
+    exact = 1e-3 * max(reach, sensor.theta_dot or 0.0)  # much less would drown in rounding
     normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
     normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
     normal.add([k + 2, k + 5], [1.0, -1.0], jerk * reach * math.sqrt(dt))

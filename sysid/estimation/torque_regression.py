@@ -43,11 +43,13 @@ class IntegratedMotion(NamedTuple):
 
     columns (N, 5)     the integrals of sin(theta) (on a linear axis theta, for a spring in place of the weight), tau,
                        -theta_dot, -sign(theta_dot) and 1
+    driven (N,)        the integral of -theta_dot where the command is not 0
     speed_change (N,)  the left-hand side [rad/s]
     slow               the speed [rad/s] below which the joint stands, from the RMS speed of all records together
     """
 
     columns: Array
+    driven: Array
     speed_change: Array
     slow: float
 
@@ -75,7 +77,7 @@ def integrated_motion(
     Spans count in which the joint moves faster than `slow` [rad/s] and than STANDS of its record's RMS speed. A record
     shorter than four spans gives none.
     """
-    rows, targets, reach = [np.zeros((0, 5))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
+    rows, targets, reach = [np.zeros((0, 6))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
     parts = first_samples(records, MOST)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
     for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
@@ -90,12 +92,14 @@ def integrated_motion(
             -middle,
             -np.sign(middle),
             np.ones(len(part)),
+            -middle * (part.u != 0.0),
         )
         moves = (_sums(np.abs(middle) < max(slow, slow_speed([middle])), span) <= 0.5 * span)[::span]
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     slow = slow_speed([theta_dot for _, theta_dot in smoothed])
-    return IntegratedMotion(np.concatenate(rows), np.concatenate(targets), slow)
+    found = np.concatenate(rows)
+    return IntegratedMotion(found[:, :5], found[:, 5], np.concatenate(targets), slow)
 
 
 class Regression(NamedTuple):

@@ -278,14 +278,14 @@ class Model:
         torque = self.torque(theta, theta_dot, drive)
 
         def summed() -> Value:
-            unloaded = Joint(theta, theta_dot, t, torque, self.plant, summed=float)
+            unloaded = Joint(theta, theta_dot, t, torque, self.plant, float, drive)
             load = unloaded.gravity + torque + push
             for e in self.joint_effects:
                 if not e.friction:
                     load = load + e.torque(unloaded)
             return load
 
-        return Joint(theta, theta_dot, t, torque, self.plant, summed)
+        return Joint(theta, theta_dot, t, torque, self.plant, summed, drive)
 
     def inertia(self) -> Value:
         """J of the plant plus what the effects add [kg m^2]."""

@@ -64,6 +64,7 @@ EFFECTS = {
         sysid.Saturation(limit=1.1),
         sysid.TorqueSpeedLimit(limit=1.3, k=0.2),
         sysid.BackEmf(k=0.05),
+        sysid.CoastingDrive(k=0.05),
         sysid.Stamp(s=-0.37),
         sysid.AngleOffset(offset=0.03),
         sysid.VelocityBias(bias=0.04),

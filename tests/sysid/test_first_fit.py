@@ -10,6 +10,7 @@ import pytest
 
 from sysid import (
     RK4,
+    CoastingDrive,
     Coulomb,
     DCMotor,
     GeneralJoint,
@@ -34,11 +35,12 @@ from sysid.estimation.first_fit import (
     with_common,
     without_common,
 )
-from sysid.estimation.initial_guess import _least_inertia, initial_guess, limited_guess
+from sysid.estimation.initial_guess import _least_inertia, coasting_guess, initial_guess, limited_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
+from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.solver import fit_parameters
 from sysid.estimation.torque_regression import telling_motion
 from sysid.planning.excitation import multisine
@@ -196,6 +198,35 @@ def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
     values = found.estimate.values
     assert values["J"] == pytest.approx(0.016, rel=0.1)
     assert values["torque_speed_limit.limit"] / values["torque_speed_limit.k"] == pytest.approx(4.0 / 0.15, rel=0.05)
+
+
+@pytest.mark.parametrize("coasts", [True, False])
+def test_a_drive_that_lets_the_joint_coast_is_told_from_one_that_brakes_it(coasts: bool) -> None:
+    """It runs up within 0.1 s and coasts for seconds: one inertia and one friction explain either, but not both."""
+    rng, dt = np.random.default_rng(0), 0.01
+    drive = (DCMotor(k_e=0.02), CoastingDrive(k=0.4)) if coasts else (DCMotor(k_e=0.42),)
+    machine = Model(GeneralJoint(J=0.04, G=0.0), (*drive, Coulomb(tau_c=0.15)), RK4(substeps=2), dt)
+    told = np.repeat(np.array([[2.0, 0.0, -2.0, 0.0, 1.5, 0.0], [-1.5, 0.0, 2.0, 0.0, -2.0, 0.0]]), 200, axis=1)
+    records = Sensor(theta=0.002).measure(simulate(machine, told, np.full(2, math.pi), np.zeros(2)), rng)
+    start = Model(GeneralJoint(G=0.0), (DCMotor(),), RK4(substeps=2), dt)
+    guess = coasting_guess(start, ("J", "dc_motor.k_e"), records, Sensor(theta=0.002))
+    assert (guess is not None) == coasts
+    found = diagnose(start, records, parameters=("J", "dc_motor.k_e"))
+    assert {s.effect for s in found.steps} == ({"coulomb", "coasting_drive"} if coasts else {"coulomb"}), str(found)
+    values, sd = found.estimate.values, found.estimate.sd
+    for name, value in {n: float(p.value) for n, p in machine.parameters.items() if n in values}.items():
+        assert values[name] == pytest.approx(value, abs=4.0 * sd[name]), name
+
+
+def test_a_motor_of_ten_thousand_units_is_followed_without_a_bias() -> None:
+    """Its speed counts encoder steps, say, and is noisy by tens of them; it stands for a second and runs for one."""
+    rng, dt = np.random.default_rng(0), 0.005
+    t = dt * np.arange(401)
+    speed = np.where(t > 1.0, 13_000.0 * (1.0 - np.exp(-(t - 1.0) / 0.1)), 0.0)
+    record = Record(t, np.zeros(400), None, speed + 25.0 * rng.standard_normal(401))
+    theta_dot = smooth_states(record, Sensor(None, 25.0))[:, 1]
+    for part in (t < 0.9, t > 1.8):
+        assert abs(np.mean(theta_dot[part] - speed[part])) < 10.0
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -215,6 +215,19 @@ def test_what_comes_with_steps_of_the_command_is_no_push(seconds: float) -> None
         assert bool(find_contacts(found, torque)) == pushed
 
 
+def test_what_peaks_after_steps_of_the_command_is_no_push_though_it_seems_to_begin_long_before_them() -> None:
+    """The filter spreads what a quick motor does at its steps; somebody who waits for none of them pushed."""
+    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    (push,) = find_contacts(found, torque)
+    first, second = found.samples.records
+    peak = float(found.samples.t[700:][np.nanargmax(np.abs(torque[700:]))])
+    assert peak - push.t_begin > 0.3
+    for begin, pushed in ((peak - 0.05, False), (peak + 0.1, True)):
+        step = np.where(second.t[:-1] < begin, 0.1, 0.2)
+        found.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
+        assert bool(find_contacts(found, torque)) == pushed
+
+
 def test_what_keeps_a_standing_joint_from_following_its_drive_is_no_push() -> None:
     """It is friction, of which no state tells how much it takes to break the joint away."""
     found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))

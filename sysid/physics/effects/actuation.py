@@ -171,13 +171,33 @@ class BackEmf(JointEffect):
 
     words = "back-EMF"
     formula = "tau = -k theta_dot, while the driver is on"
-    confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
+    confused = ("viscous", "drag", "load_friction", "torque_speed_limit", "coasting_drive")
     friction = True
     brakes = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         return -self.k * joint.theta_dot
+
+
+@dataclass(frozen=True, eq=False)
+class CoastingDrive(JointEffect):
+    """Back-EMF of a driver that opens its bridge at command 0, where the joint then coasts.
+
+    A driver that shorts the motor there brakes with its back-EMF all the time, as `back_emf` does. Many drivers of
+    small motors can be set to either.
+    """
+
+    words = "a drive that lets the joint coast at command 0"
+    formula = "tau = -k theta_dot where the command is not 0"
+    rarity = 2.0
+    refines = (("viscous",),)
+    confused = ("viscous", "back_emf")
+    friction = True
+    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        return -self.k * joint.theta_dot * ops.where(ops.abs(joint.command) > 0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

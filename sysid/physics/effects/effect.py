@@ -23,6 +23,7 @@ Memory = tuple[Value, ...]
 class Joint:
     """What an effect at the joint gets: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m] and the plant.
 
+    command  what the actuator was told, in its own unit; the drive torque itself where there is none
     summed   computes `load`, for those effects only that ask for it
     """
 
@@ -32,6 +33,7 @@ class Joint:
     drive: Value
     plant: Plant
     summed: Callable[[], Value]
+    command: Value = 0.0
 
     @cached_property
     def gravity(self) -> Value:

@@ -27,7 +27,7 @@ class Viscous(JointEffect):
     begins: ClassVar[Mapping[str, float]] = {"b": 0.02}
     rarity = 0.0
     formula = "tau = -b theta_dot"
-    confused = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
+    confused = ("back_emf", "coasting_drive", "drag", "asymmetric_viscous", "load_friction", "coulomb")
     friction = True
     brakes = True
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
