@@ -84,6 +84,7 @@ def test_compare_sysid(tmp_path):
     assert figure.read_bytes().startswith(PNG)
 
 
+@pytest.mark.long
 def test_optimal_returns():
     _, *lines = said_by("optimal_returns.py", "--grid", "120").splitlines()
     best = {(2.0, 1.5): -330.7, (1.5, 1.2): -215.2, (2.5, 2.0): -523.6, (1.0, 1.0): -139.1}  # at 600 x 601 states
@@ -94,6 +95,7 @@ def test_optimal_returns():
         assert lqr < swing_up
 
 
+@pytest.mark.long
 def test_paper_claims(tmp_path):
     said = said_by("paper_claims.py", "--seeds", "60", "--figure", tmp_path / "claims.png")
     assert '"the identification error falls roughly as 1/√n" (Sec. II-B): does not hold.' in said

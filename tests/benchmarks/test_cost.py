@@ -1,7 +1,11 @@
 """The cost of a diagnosis is that of its process."""
 
+import pytest
+
 from tests.benchmarks.cost import SIZES, Cost, cost, table
 from tests.benchmarks.experiments import Log
+
+pytestmark = pytest.mark.long
 
 
 def test_every_size_is_as_large_as_it_says():

@@ -11,6 +11,8 @@ from tests.benchmarks.hidden import numbers_of
 from tests.benchmarks.methods import ours
 from tests.benchmarks.score import exact, first_right, right
 
+pytestmark = pytest.mark.long
+
 CLEAN = LOGS["clean"]
 DT = CLEAN.dt
 
@@ -83,7 +85,6 @@ def test_what_mass_and_length_absorb_leaves_no_evidence(effect):
     assert decidability.decide(hidden(effect), effect).evidence < 1.0
 
 
-@pytest.mark.long
 def test_the_baseline_names_what_a_careful_engineer_names():
     effects = ("viscous", "coulomb", "torque_bias", "ripple", "lag", "saturation")
     worlds = [hidden(effect) for effect in effects]
@@ -93,7 +94,6 @@ def test_the_baseline_names_what_a_careful_engineer_names():
     assert sum(named) >= 5
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", ["coulomb", "lag"])
 def test_a_hidden_effect_is_named(name):
     case = Case("clean", (name,), "small", "mixed", "clean", 7)
@@ -105,7 +105,6 @@ def test_a_hidden_effect_is_named(name):
     assert answer.error_after < 1.1
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("what", [(), ("magnet",)])
 def test_nothing_and_a_stranger_are_told_from_the_catalogue(what):
     case = Case("strangers" if what else "nothing", what, "own", "multisine", "clean", 7)

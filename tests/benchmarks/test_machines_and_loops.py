@@ -12,6 +12,8 @@ from tests.benchmarks.methods import Answer, thinned
 from tests.benchmarks.readme_example import HIDDEN, example, right, subsets
 from tests.benchmarks.runner import Store, run
 
+pytestmark = pytest.mark.long
+
 SHORT = Log(seconds=2.0, rollouts=3, theta=0.001, angle_step=ENCODER)
 HIDDEN_NUMBERS = {"coulomb.tau_c": 0.2, "delay.T": 0.03}
 
@@ -33,7 +35,6 @@ def test_a_servo_without_gains_is_no_servo(engine):
     assert np.array_equal(looped.u, own.u)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", SERVOS)
 @pytest.mark.parametrize("log", [SHORT, replace(SHORT, theta_dot=None, differenced=True), replace(SHORT, rate=200.0)])
 def test_the_log_holds_the_readings_that_its_servo_read(name, log):

@@ -2,9 +2,13 @@
 
 import csv
 
+import pytest
+
 from policies.control import references
 from policies.control.dynamic_programming import Grid
 from tests.benchmarks.optimality import COLUMNS, main, reached
+
+pytestmark = pytest.mark.long
 
 
 def test_near_is_within_a_share_of_the_optimum():

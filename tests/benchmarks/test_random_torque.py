@@ -5,6 +5,8 @@ import pytest
 
 from tests.benchmarks.random_torque import EFFECTS, case, report, world
 
+pytestmark = pytest.mark.long
+
 
 def test_a_world_pushes_with_the_torque_that_its_key_tells():
     own = case(7, 0.1, 0.3)

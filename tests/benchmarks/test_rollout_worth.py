@@ -1,6 +1,10 @@
 """A hidden plant of the benchmark: what following the advice loses, and what fixed numbers of rollouts do."""
 
+import pytest
+
 from tests.benchmarks.rollout_worth import FIXED, case, told
+
+pytestmark = pytest.mark.long
 
 
 def test_a_plant_is_measured_as_advised_and_told():

@@ -302,6 +302,7 @@ def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, 
     assert code == 0 and f"going on from {folder / CHECKPOINT}" in said and not (folder / CHECKPOINT).exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("algorithm", "steps"), [("sac", 450), ("shac", 30_000)])
 def test_the_time_is_measured_and_a_control_rate_is_advised(algorithm, steps, models, tmp_path, run):
     words = ("-o", tmp_path / "p", "--algorithm", algorithm, "--hidden", 8, "--no-references", "--steps")
@@ -351,6 +352,7 @@ def test_help_answers_without_torch(words):
     assert done.stdout.strip().endswith("[]") and "usage" in done.stdout
 
 
+@pytest.mark.long
 def test_as_a_module(models, policy):
     words = [sys.executable, "-m", "policies", "evaluate", str(policy), "--episodes", "5"]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)

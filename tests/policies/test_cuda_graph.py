@@ -94,6 +94,7 @@ def test_what_waits_for_the_device_or_brings_it_something_is_seen():
     assert waiting.found != [] and bringing.found == ["as_tensor", "tensor", "where"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", SETTINGS)
 @pytest.mark.parametrize("name", MODELS)
 def test_a_recorded_step_repeats_what_the_step_does(name, algorithm):

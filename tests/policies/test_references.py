@@ -38,6 +38,7 @@ def test_the_optimum_is_the_best_and_the_others_say_what_they_do_not_know(plant,
     assert optimum.note == "" and swing_up.note == lqr.note == note
 
 
+@pytest.mark.long
 def test_the_optimum_knows_the_state_whatever_the_sensors_show():
     blind, seeing = references(model(SensorDelay(T=0.1)), *START), references(model(), *START)
     np.testing.assert_array_equal(blind[0].evaluation.returns, seeing[0].evaluation.returns)

@@ -22,6 +22,7 @@ def error(seeds, **changes):
     return sum(math.dist(identify(point, 2, seed), point.truth) for seed in range(seeds))
 
 
+@pytest.mark.long
 def test_least_squares_and_the_kalman_filter_come_closer_than_the_grid_from_the_same_rollouts():
     grid, *others = (error(3, identifier=name) for name in ("grid", "least_squares", "unscented"))
     assert 4.0 * max(others) < grid

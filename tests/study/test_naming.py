@@ -74,6 +74,7 @@ def test_what_allows_no_fit_is_a_row_that_is_not_right():
     assert (found.verdict, found.right, math.isnan(found.error_fitted)) == (naming.REFUSED, False, True)
 
 
+@pytest.mark.long
 def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
     plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(0, 2))
     found = {}

@@ -98,6 +98,7 @@ def test_dropo_widens_where_the_parameters_really_differ_from_rollout_to_rollout
     assert 0.5 * np.std(lengths) < sd[1] < 2.0 * np.std(lengths)
 
 
+@pytest.mark.long
 def test_bayesian_optimization_finds_the_optimum_of_a_known_function():
     pytest.importorskip("botorch")
     from study.strategies.candidates import improving, most_promising, scattered
@@ -130,6 +131,7 @@ def test_the_elite_of_the_cross_entropy_method_moves_to_the_better_half_and_narr
     assert mean == pytest.approx(top, abs=0.05) and np.all(sd < 0.1)
 
 
+@pytest.mark.long
 def test_a_mixture_density_network_learns_a_posterior_that_is_known():
     """y ~ U(0, 1), x = y + 0.1 z: amid the range the posterior is N(x, 0.1^2)."""
     rng = np.random.default_rng(4)

@@ -104,6 +104,7 @@ def test_a_motor_gives_what_its_curve_leaves(drive, theta_dot, given):
     assert drive + CURVE.torque(Joint(0.3, theta_dot, 0.0, drive, 0.0, ROD)) == pytest.approx(given)
 
 
+@pytest.mark.long
 def test_a_torque_that_falls_with_speed_is_found_and_named():
     records = logs(truth(CURVE))
     assert_recovered(CURVE, records)

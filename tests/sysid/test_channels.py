@@ -105,6 +105,7 @@ def test_one_channel_is_all_there_is() -> None:
         assert relied_on(JOINT, records, sensor) is sensor
 
 
+@pytest.mark.long
 def test_a_fit_relies_on_what_a_diagnosis_relies_on() -> None:
     """The late speed of a drive bends no fit; whoever asks whether it is late gets its readings."""
     records = [late(r, 0.1) for r in logs(Sensor(theta=ANGLE, theta_dot=SIMILAR))]

@@ -285,6 +285,7 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
     assert abs(found.estimate.values["m"] - 1.0) < 4.5 * found.estimate.sd["m"], "what a hand touched was fitted"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", [(), (Coulomb(0.1),)])
 def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[Effect, ...]) -> None:
     records = pushed(logs(truth(*hidden)), 4, truth(*hidden))
@@ -315,6 +316,7 @@ def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> N
     assert found.estimate.n_readings > 0.85 * sum(2 * len(r) for r in split(records)[0])
 
 
+@pytest.mark.long
 def test_readings_that_no_torque_explains_are_not_adequate() -> None:
     found = of("misread")
     assert found.verdict == "unknown"

@@ -187,6 +187,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 
+@pytest.mark.long
 def test_what_acts_beside_the_model_will_act_again() -> None:
     """A rod that rubs, fitted without friction: the next log is promised to tell about as much as it does."""
     rubbing = log(rod().with_effect(Coulomb(tau_c=0.02)), slow_sines(), 1.5 * slow_sines())
@@ -224,6 +225,7 @@ def test_a_log_that_tells_more_is_not_followed_by_a_poorer_one() -> None:
     assert known.widest in known.description
 
 
+@pytest.mark.long
 def test_a_linear_axis_is_told_what_to_do_in_its_own_units() -> None:
     axis = Model(LinearAxis(m=0.4), dt=0.02)
     e = next_experiment(axis, (Viscous(b=0.3), "coulomb"), Limits(2.0, 3.0, theta_max=1.5), SENSOR)
@@ -236,6 +238,7 @@ def test_a_linear_axis_is_told_what_to_do_in_its_own_units() -> None:
         next_experiment(axis, limits=Limits(1e-9, 3.0, theta_max=1e-30), sensor=SENSOR)
 
 
+@pytest.mark.long
 def test_a_special_case_is_not_asked_to_beat_the_general_one() -> None:
     """Coulomb's friction is Stribeck's without excess: only the other way round can be told."""
     e = next_experiment(rod(), (Stribeck(tau_c=0.02, excess=0.03, v_s=0.2), Coulomb(tau_c=0.03)), LIMITS, SENSOR)

@@ -200,6 +200,7 @@ def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
     assert values["torque_speed_limit.limit"] / values["torque_speed_limit.k"] == pytest.approx(4.0 / 0.15, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("coasts", [True, False])
 def test_a_drive_that_lets_the_joint_coast_is_told_from_one_that_brakes_it(coasts: bool) -> None:
     """It runs up within 0.1 s and coasts for seconds: one inertia and one friction explain either, but not both."""
@@ -229,6 +230,7 @@ def test_a_motor_of_ten_thousand_units_is_followed_without_a_bias() -> None:
         assert abs(np.mean(theta_dot[part] - speed[part])) < 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> None:
     """Its inertia takes next to nothing of the voltage; begun at a large one, a random torque would move it instead.

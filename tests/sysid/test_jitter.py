@@ -67,6 +67,7 @@ def test_numbers_are_recovered_within_their_errors():
     assert np.sqrt(np.mean(np.square(misses))) < 1.6
 
 
+@pytest.mark.long
 def test_friction_is_named_beside_jitter_and_nothing_else():
     records = spun(2e-3, (Coulomb(tau_c=0.02),))
     found = diagnose(Model(FAST, integrator=RK4(substeps=4), dt=DT), records)

@@ -68,6 +68,7 @@ def test_a_cold_start_ends_where_a_start_from_the_truth_ends(sensor):
     assert agree >= 19
 
 
+@pytest.mark.long
 def test_whole_steps_that_leave_the_optimum_are_halved():
     """Here Gauss-Newton's own steps grow: speeds alone hardly tell of a start near the upright."""
     found = LeastSquares(sensor=PAPER, starts=1).fit(paper_model(), rollouts(PAPER, 50, 5))

@@ -124,6 +124,7 @@ def test_load_friction_that_knows_who_drives_is_found_and_named():
     assert_named(DIRECTIONAL, records)
 
 
+@pytest.mark.long
 def test_load_friction_that_is_alike_both_ways_keeps_its_name():
     assert_named(LoadFriction(mu=0.12), logs(truth(LoadFriction(mu=0.12))))
 

@@ -50,6 +50,7 @@ def test_a_part_of_a_part_is_a_part() -> None:
         dataclasses.replace(record, origin=1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", [Delay(T=0.25), Lag(T=0.1), SensorDelay(T=0.15)])
 def test_the_true_model_is_as_good_behind_a_cut_as_before_it(effect: Effect) -> None:
     """Windows begin in the middle of a motion, under commands given before the cut."""
@@ -60,6 +61,7 @@ def test_the_true_model_is_as_good_behind_a_cut_as_before_it(effect: Effect) -> 
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("identifier", ["fit", "least squares", "filter"])
 @pytest.mark.parametrize(("effect", "name"), [(Delay(T=0.11), "delay.T"), (Drift(r=0.05), "drift.r")])
 def test_what_is_found_in_a_piece_is_what_is_found_in_the_whole(identifier: str, effect: Effect, name: str) -> None:
@@ -75,6 +77,7 @@ def test_what_is_found_in_a_piece_is_what_is_found_in_the_whole(identifier: str,
     assert found.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.15)
 
 
+@pytest.mark.long
 def test_the_papers_grid_knows_the_past_too() -> None:
     """One-step errors behind a cut are those of the same instants before it."""
     model, (record,) = rod(Delay(T=0.11)), log(Delay(T=0.11))
@@ -102,6 +105,7 @@ def test_gaps_hide_nothing_of_a_delay(tmp_path) -> None:  # type: ignore[no-unty
     assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_long_swing_under_a_delay_is_found_through_short_windows(seed: int) -> None:
     """From the plain model a whole motion is too far off for a fit to arrive from."""

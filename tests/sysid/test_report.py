@@ -220,6 +220,7 @@ def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
         assert "&lt;script&gt;alert" in page
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)], ids=["angle", "speed"])
 def test_a_log_of_one_channel(tmp_path, sensor):
     records = logs(STICKY, n=4, seconds=3.0, sensor=sensor)

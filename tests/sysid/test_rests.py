@@ -115,6 +115,7 @@ def shaken(seed: int) -> tuple[Record, int]:
     return Record(own.t, np.zeros(len(own)), own.theta), int(np.flatnonzero(np.abs(run.theta_dot[0]) > 1e-3)[-1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_friction_is_found_however_long_the_joint_rests_afterwards(seed: int) -> None:
     """The random torque that the swing needs is not there any more, and is no measure of what holds the joint."""

@@ -110,6 +110,7 @@ def test_a_free_decay_under_a_constant_torque_names_dry_friction_alone() -> None
     assert abs(found.estimate.values["coulomb.tau_c"] - 0.08) < 4.0 * found.estimate.sd["coulomb.tau_c"] < 0.04
 
 
+@pytest.mark.long
 def test_a_random_torque_is_no_effect() -> None:
     """It is unknown, of the size that it has, and m and l are as sure as it allows."""
     found = diagnose(rod(), shaken(truth(), 0.05, 1), SENSOR)
@@ -124,6 +125,7 @@ def test_a_random_torque_is_no_effect() -> None:
 SEEDS = 12
 
 
+@pytest.mark.long
 def test_false_alarms_are_rare() -> None:
     """Of short logs in which nothing is hidden."""
     alarms = 0
@@ -177,6 +179,7 @@ def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
         dataclasses.replace(DEFAULT, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_of_two_effects_that_change_little_the_one_stays_that_explains_more(seed: int) -> None:
     """Over a second a slow decay is as well viscous as dry; over half a minute it is exponential."""
@@ -197,6 +200,7 @@ def test_what_matters_depends_on_the_tolerance() -> None:
     assert not matters(base().model, mended(), dataclasses.replace(DEFAULT, noise_share=1e3))
 
 
+@pytest.mark.long
 def test_an_effect_that_is_rare_needs_more_evidence(catalogue: dict[str, type[Effect]]) -> None:
     """The same torque by two names, of which one is believed at odds of exp(-20) only."""
 
@@ -354,6 +358,7 @@ def test_what_the_free_parameters_absorb_is_no_simple_form_of_anything() -> None
     assert "rotor_inertia" not in {e.name for e in search._simplified(springy).model.effects}
 
 
+@pytest.mark.long
 def test_a_spring_that_rests_elsewhere_is_found_with_its_offset() -> None:
     """Beside dry friction, in a search through these alone."""
     sprung = truth(Coulomb(tau_c=0.1), Spring(k=0.6), TorqueBias(tau_0=0.5))
@@ -376,6 +381,7 @@ def test_a_spring_has_a_size_where_gravity_could_only_push_the_other_way() -> No
     assert squared_size(found, "spring") > 100.0 and squared_size(found, "torque_bias") > 100.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "losses",
     [
@@ -622,6 +628,7 @@ def test_a_sensor_at_fault_is_found_though_a_random_torque_follows_its_readings(
     assert found.error.ratio < 1.1
 
 
+@pytest.mark.long
 def test_what_a_small_motion_hardly_shows_is_added_where_a_large_one_shows_it() -> None:
     """A spring is a part of gravity for small angles, and no part of it for large ones, which were held out."""
     rng, model = np.random.default_rng(0), truth(Spring(k=0.15))

@@ -167,12 +167,14 @@ def test_an_eccentric_disc_comes_back_with_every_turn():
     assert ECCENTRIC.recurrences(np.pi + 0.5 * np.sin(40.0 * t), t, t) == pytest.approx(1.0 / (2.0 * np.pi), rel=1e-3)
 
 
+@pytest.mark.long
 def test_an_eccentric_disc_is_found_and_named_where_the_joint_turns():
     records = logs(truth(ECCENTRIC), spin=9.0)
     assert_recovered(ECCENTRIC, records)
     assert_named(ECCENTRIC, records)
 
 
+@pytest.mark.long
 def test_where_the_joint_does_not_turn_nobody_speaks_of_an_eccentric_disc():
     found = diagnose(rod(), logs(truth(ECCENTRIC)), SENSOR)
     assert "eccentricity" not in {s.effect for s in found.steps}
@@ -208,6 +210,7 @@ def test_a_whole_record_is_read_as_instant_by_instant(effect):
 FILTERED = FilteredSpeed(T=0.03)
 
 
+@pytest.mark.long
 def test_a_filter_of_the_speed_is_found_and_is_no_delay_of_the_sensor():
     records = logs(truth(FILTERED))
     assert_recovered(FILTERED, records)
@@ -216,6 +219,7 @@ def test_a_filter_of_the_speed_is_found_and_is_no_delay_of_the_sensor():
     assert "sensor_delay" not in found.steps[0].alike
 
 
+@pytest.mark.long
 def test_a_delay_of_both_readings_is_no_filter():
     assert_named(SensorDelay(T=0.03), logs(truth(SensorDelay(T=0.03))))
 

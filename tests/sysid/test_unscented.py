@@ -99,6 +99,7 @@ def test_a_swing_through_the_cut_is_followed():
     assert estimate.success and distance(estimate, TRUTH) < 13.8
 
 
+@pytest.mark.long
 def test_information_adds_up_and_counts_no_reading_twice():
     """Ten copies of a record say that it is ten times as sure: the sd falls by sqrt(10), however often it sweeps."""
     (record,) = rollouts(1, 2, ENCODER)
