@@ -4,6 +4,9 @@ A hand's torque is in no model and bends every number. It shows because a machin
 swing goes further from the rest than the first; so what comes before the machine leaves its furthest place for good was
 made by a hand, if it stood there or took longer than a swing does. And the machine comes to rest by itself only once
 its swings are as small as what friction holds; where it stops earlier, a hand has caught it.
+
+A rest much longer than the swing, as of a logger that runs on, says nothing more, and is shortened: what is held out of
+a log would be a rest.
 """
 
 from __future__ import annotations
@@ -28,28 +31,48 @@ TURNS = 0.05
 """The least prominence of a turn, and the range within which the machine stands, as shares of the whole range."""
 STICKS = 3.0
 """Friction that may hold a machine at rest, at most, in units of the friction of its motion."""
+STANDS = 0.01
+"""A machine stands at its end from where it stays within this share of the whole range."""
+LONGEST_REST, KEPT_REST = 3.0, 0.5
+"""Rest behind a swing that is too long, and rest that is kept then, as multiples of the swing's duration."""
 FEWEST = 6
 """Samples, at least, that show whether it stands, and that must be left to fit."""
 
 
 def free_part(record: Record) -> tuple[Record, str]:
-    """The part of a record in which no hand holds the machine, and a sentence on what is left out, empty for nothing.
-    Nothing is left out of a record without angles, or where a torque acts meanwhile."""
+    """The part of a record in which no hand holds the machine, without a long rest behind it; and a sentence on what is
+    left out, empty for nothing.
+
+    Nothing is left out of a record without angles, or where a torque acts meanwhile.
+    """
     if record.theta is None or not record.has_angles:
         return record, ""
     known = np.flatnonzero(np.isfinite(record.theta))
-    theta, first, last = record.theta[known], 0, len(record)
-    if len(known) > FEWEST:
-        let_go = int(known[_let_go(theta)])
-        first = let_go if let_go >= FEWEST and not np.any(record.u[:let_go]) else 0
-        caught = 0 if np.any(record.u) else _caught(theta)
-        last = int(known[caught]) if caught else last
+    if len(known) <= FEWEST:
+        return record, ""
+    theta, driven = record.theta[known], bool(np.any(record.u))
+    let_go, caught = int(known[_let_go(theta)]), 0 if driven else _caught(theta)
+    first = let_go if let_go >= FEWEST and not np.any(record.u[:let_go]) else 0
+    last = int(known[caught]) if caught else len(record)
+    swing = 0 if driven or caught else int(known[_stops(theta)]) - first
+    if swing >= FEWEST and len(record) - first > (1.0 + LONGEST_REST) * swing:
+        last = first + round((1.0 + KEPT_REST) * swing)
     if (first, last) == (0, len(record)) or last - first < FEWEST:
         return record, ""
-    parts = [f"the first {first * record.dt:.3g} s"] if first else []
-    parts += [f"what comes after {record.t[last]:.4g} s"] if last < len(record) else []
-    said = f"{' and '.join(parts)} {'are' if first else 'is'} left out: without a torque a hand holds or moves it there"
-    return record.part(first, last), f"{record.name}: {said}"
+    after, said = f"what comes after {record.t[last]:.4g} s", list[str]()
+    by_hand = [f"the first {first * record.dt:.3g} s"] * (first > 0) + [after] * (caught > 0)
+    if by_hand:
+        are = "are" if first else "is"
+        said.append(f"{' and '.join(by_hand)} {are} left out: without a torque a hand holds or moves it there")
+    if last < len(record) and not caught:
+        said.append(f"{after} is left out: it is a long rest")
+    return record.part(first, last), f"{record.name}: {'; '.join(said)}"
+
+
+def _stops(theta: Array) -> int:
+    """The last sample of a motion (K,) before it stands to its end."""
+    end = float(np.median(theta[-max(len(theta) // 10, 1) :]))
+    return int(np.max(np.flatnonzero(np.abs(theta - end) > STANDS * np.ptp(theta)), initial=0))
 
 
 def _let_go(theta: Array) -> int:

@@ -319,13 +319,16 @@ class _Report:
         """Groups that no log of this kind separates: parameters with each other, and effects with what absorbs them."""
         groups = []
         own = end.model.plant.parameters
-        absorbed = tuple(n for n, s in self.search.first.items() if s.absorbed)
-        if absorbed:
-            groups.append((*(n for n in end.names if n in own), *absorbed))
+        absorbed = [n for n, s in self.search.first.items() if s.absorbed]
+        damped = end.model.damping in end.names
+        excluded = () if end.model.actuator is None else end.model.actuator.excludes
+        by_damping = [n for n in absorbed if damped and not CATALOGUE[n].inertial]
+        if len(absorbed) > len(by_damping):
+            groups.append((*(n for n in end.names if n in own), *(n for n in absorbed if n not in by_damping)))
         groups.extend((a.name, *a.same) for a in self.confirmed.additions if a.same)
-        if end.model.actuator is not None and end.model.damping in end.names:
-            others = (n for n, kind in CATALOGUE.items() if kind.brakes and n not in end.model.actuator.excludes)
-            groups.append((end.model.damping, *others))
+        if damped:
+            others = (n for n, kind in CATALOGUE.items() if kind.brakes and n not in excluded)
+            groups.append((end.model.damping, *others, *by_damping))
         F = end.Z.T @ end.Z
         size = np.sqrt(np.maximum(np.diag(F), 1e-300))
         values, vectors = np.linalg.eigh(F / np.outer(size, size)) if len(size) else (np.zeros(0), np.zeros((0, 0)))

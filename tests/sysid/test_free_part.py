@@ -42,6 +42,18 @@ def test_what_swings_from_the_first_sample_on_is_read_whole(seed: int, noise: fl
     assert free_part(record) == (record, "")
 
 
+@pytest.mark.parametrize("noise", (1e-4, 3e-3))
+def test_a_rest_much_longer_than_the_swing_is_shortened_and_a_shorter_one_is_not(noise: float) -> None:
+    theta = swing(math.pi + 1.0)
+    stands = np.flatnonzero(np.abs(theta - theta[-1]) > 0.02)[-1] * DT
+    for rest, shortened in ((1.5 * stands, False), (10.0 * stands, True)):
+        whole = logged(np.concatenate([theta, np.full(round(rest / DT), theta[-1])]), noise=noise)
+        record, said = free_part(whole)
+        assert (len(record) < len(whole)) == shortened
+        assert ("it is a long rest" in said) == shortened and "hand" not in said
+        assert record.t[0] == 0.0 and stands < 0.8 * record.t[-1]
+
+
 def held(seconds: float, away: float = 1.0) -> np.ndarray:
     """A swing before which a hand holds the pendulum."""
     free = swing(math.pi + away)
@@ -97,12 +109,13 @@ def test_both_ends_are_told_in_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("friction", (Coulomb(tau_c=0.2), Coulomb(tau_c=0.03), Viscous(b=0.2), Drag(c=0.05)))
-def test_what_comes_to_rest_by_itself_is_read_whole(friction: Effect) -> None:
+def test_what_comes_to_rest_by_itself_is_read_until_it_stands(friction: Effect) -> None:
     joint = Model(GeneralJoint(J=0.1, G=2.0), friction, dt=DT)
     starts = math.pi + np.linspace(0.3, 2.0, 9)
     for theta in np.asarray(simulate(joint, np.zeros((9, 2500)), starts, np.zeros(9)).theta):
-        record = logged(theta)
-        assert free_part(record) == (record, "")
+        record, said = free_part(logged(theta))
+        assert record.t[0] == 0.0 and "hand" not in said
+        assert np.ptp(theta[len(record) :]) < 0.02 * np.ptp(theta)
 
 
 def test_what_stands_until_its_drive_moves_it_is_read_whole() -> None:
