@@ -502,7 +502,7 @@ def test_it_reads_well(name: str) -> None:
 def test_what_the_motion_cannot_separate_is_always_named(name: str) -> None:
     groups = [set(g) for g in of(name).not_identifiable]
     assert {"m", "l", "torque_gain", "rotor_inertia"} in groups
-    indistinguishable = {"viscous": {"viscous", "back_emf"}, "tilt": {"tilt", "angle_offset"}}
+    indistinguishable = {"viscous": {"viscous", "back_emf", "coasting_drive"}, "tilt": {"tilt", "angle_offset"}}
     if name in indistinguishable:
         assert indistinguishable[name] in groups
         assert set(of(name).steps[0].alike) == indistinguishable[name]

@@ -59,7 +59,7 @@ class PositionServo(Actuator):
 
     words = "a servo driven by a position command"
     formula = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
-    excludes = ("torque_gain", "dead_zone", "saturation")
+    excludes = ("torque_gain", "dead_zone", "saturation", "coasting_drive")
     command = "position"
     unit = "rad"
     scale = "k_p"
