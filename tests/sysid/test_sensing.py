@@ -62,6 +62,14 @@ def test_electronics_act_on_their_own_channel(effect, theta, theta_dot):
     np.testing.assert_allclose(run.theta_dot_read, theta_dot(run), atol=1e-14)
 
 
+def test_a_delay_of_the_sensors_shows_only_under_a_command():
+    """In a free swing it is another clock, which the state at the begin allows for."""
+    t = 0.01 * np.arange(301)
+    late, theta = SensorDelay(T=0.1), np.cos(5.0 * t)
+    assert late.recurrences(theta, t, np.zeros(300)) == 0.0
+    assert late.recurrences(theta, t, np.sin(t[:-1])) == math.inf
+
+
 @pytest.mark.parametrize("k", [0, 1, 4])
 def test_a_sensor_delay_of_whole_samples_shows_the_state_of_then(k):
     run = simulate(Model(ROD, (SensorDelay(T=k * 0.02),), dt=0.02), U, 2.0, 0.3)

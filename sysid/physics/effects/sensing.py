@@ -71,6 +71,10 @@ class SensorDelay(DeadTime, OutputEffect):
     stage = 1
     longest: float = 0.2
 
+    def recurrences(self, theta: Array, t: Array, u: Array) -> float:
+        """None without a command: a late motion is the motion of a later clock then."""
+        return math.inf if np.any(u) else 0.0
+
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
         """(theta, theta_dot) at the instants before this one, the latest first."""
         past = range(1, self.intervals(dt) + 1)
