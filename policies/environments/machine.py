@@ -42,7 +42,7 @@ def machine_of(model: Model, u_max: float | None = None, dt: float | None = None
     machine = model.machine
     if machine.actuator is not None and machine.actuator.at_angle:
         raise InvalidInput(
-            f"the model is driven by a {machine.actuator.command} ({machine.actuator.name}): "
+            f"the model is driven by a {machine.actuator.command} command ({machine.actuator.name}): "
             "expected one that a torque, a current or a voltage drives"
         )
     for e in machine.input_effects:

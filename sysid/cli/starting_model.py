@@ -119,7 +119,7 @@ def _with_actuator(model: Model, command: Command | None) -> tuple[Model, tuple[
     if command is None or (type(own) if own else None) is wanted:
         return model, ()
     if own is not None or wanted is None:
-        has = f"a {own.name}, driven by a {own.command}" if own else "no actuator: its command is a torque"
+        has = f"a {own.name}, driven by a {own.command} command" if own else "no actuator: its command is a torque"
         raise InvalidInput(f"--input {command}, but the model has {has}")
     model = model.with_effect(wanted())
     return model, _fitted(model, wanted.name)
