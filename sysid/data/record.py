@@ -241,7 +241,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
         if record.command not in ("", model.command) and largest > 0.0:
             raise InvalidInput(
                 f"{record.name} was read with command = {record.command!r}, and the model is driven by a "
-                f"{model.command} command: expected a model with the actuator of the log's command, or read(command=...)"
+                f"{model.command} command: expected a model with the actuator of that command, or read(command=...)"
             )
         if largest > model.u_max * (1.0 + 1e-9):
             raise InvalidInput(
