@@ -231,7 +231,9 @@ def test_a_log_of_one_channel(tmp_path, sensor):
 
 @pytest.mark.long
 def test_what_a_hand_touched_is_shown(tmp_path):
-    answer = diagnosis(pushed(logs(STICKY, n=4, seconds=6.0), 1, *STICKY.effects))
+    push = np.zeros(300)
+    push[100:130] = 3.0 * np.hanning(30)
+    answer = diagnosis(pushed(logs(STICKY, n=4, seconds=6.0), 1, STICKY, push))
     (warning,) = page_of(answer).warnings
     assert re.match(r"No state of the joint explains pushed, [12]\.\d-[23]\.\d s \(\+", warning)
 
