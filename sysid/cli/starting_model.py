@@ -172,7 +172,7 @@ def _fastest_rate(model: Model) -> float:
     rest, small = model.plant.rest, 1e-3
 
     def acceleration(theta: float, theta_dot: float) -> float:
-        held = rest if model.actuator is not None and model.actuator.at_angle else 0.0
+        held = rest if model.at_angle else 0.0
         return float(model.acceleration(rest + theta, theta_dot, 0.0, held))
 
     stiffness = (acceleration(-small, 0.0) - acceleration(small, 0.0)) / (2.0 * small)

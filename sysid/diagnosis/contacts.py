@@ -102,12 +102,12 @@ def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
 def _commanded(fit: Fit, torque: Array, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
     """Whether the drive is the cause: the stretches come with steps of the command more often than by chance, or the
     command is much larger inside than on average (a commanded angle has no such size)."""
-    samples, actuator = fit.samples, fit.model.actuator
+    samples = fit.samples
     command = np.full(len(inside), np.nan)
     command[samples.follows] = np.concatenate([r.u for r in samples.records])
     if _with_steps(samples, command, torque, found):
         return True
-    if actuator is not None and actuator.at_angle:
+    if fit.model.at_angle:
         return False
     square = np.nan_to_num(command) ** 2
     return bool(np.mean(square[inside]) > LARGEST_COMMAND * np.mean(square))

@@ -34,8 +34,7 @@ def free(model: Model | Estimate, records: Sequence[Record] = ()) -> tuple[str, 
 def without_scale(model: Model, names: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
     """The names without the scale of all torques (`Plant.scale`) if the records are free swings, which cannot show it:
     all torques are 0, and no servo is told positions."""
-    told = model.actuator is not None and model.actuator.at_angle
-    swings = bool(records) and not told and not any(np.any(record.u != 0.0) for record in records)
+    swings = bool(records) and not model.at_angle and not any(np.any(record.u != 0.0) for record in records)
     return tuple(name for name in names if not (swings and name == model.plant.scale))
 
 

@@ -11,13 +11,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.torque_regression import (
-    SURELY,
-    IntegratedMotion,
-    regression,
-    telling_motion,
-    weight_along,
-)
+from sysid.estimation.torque_regression import SURELY, IntegratedMotion, regression, telling_motion, weight_along
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -72,7 +66,7 @@ def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record
     """The models at which fits from far off begin: one by regression, and for a servo also one by its control loop. A
     servo may follow its command so closely that nothing is left to regress on."""
     regressed = initial_guess(model, names, records, sensor)
-    if model.actuator is None or not model.actuator.at_angle:
+    if not model.at_angle:
         return (regressed,)
     return regressed, _matched_servo(model, names, records)
 
@@ -81,7 +75,7 @@ def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     """The initial guess beside a limit of the drive far below the largest command; None if no limit explains the motion
     much better than none, or if the model has one."""
     known = {e.name for e in model.effects} & {Saturation.name, *Saturation.confused}
-    if known or (model.actuator is not None and model.actuator.at_angle):
+    if known or model.at_angle:
         return None
 
     def limited(limit: float) -> list[Record]:
@@ -104,8 +98,7 @@ def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model | None:
     """The initial guess beside a back-EMF that acts only under a command; None if that does not explain the motion much
     better than friction at all times, or if the model has it."""
-    known = {e.name for e in model.effects} & {CoastingDrive.name}
-    if known or (model.actuator is not None and model.actuator.at_angle):
+    if model.at_angle or any(isinstance(e, CoastingDrive) for e in model.effects):
         return None
     terms = telling_motion(model, records, sensor)
     found = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)

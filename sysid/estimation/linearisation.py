@@ -318,7 +318,7 @@ class LinearisedModel:
         K = 0 for a servo, which is commanded a position."""
         theta, theta_dot = self.middle.T
         at = self.samples.follows & (np.abs(theta_dot) > slow_speed([theta_dot])) & (self.samples.commands != 0.0)
-        if model.actuator is not None and model.actuator.at_angle:
+        if model.at_angle:
             at[:] = False
         clock = self.samples.time_since_start[at, None]
         return model.joint(theta[at, None], theta_dot[at, None], clock, self.drives[at])

@@ -84,7 +84,7 @@ def foreseeable(model: Model, records: Sequence[Record]) -> float:
     theta = np.concatenate([np.zeros(0), *(r.theta for r in records if r.theta is not None and r.has_angles)])
     if not np.any(np.isfinite(theta)):
         return math.inf
-    held = theta if model.actuator is not None and model.actuator.at_angle else np.zeros_like(theta)
+    held = theta if model.at_angle else np.zeros_like(theta)
     before, after = (np.asarray(model.acceleration(theta + h, 0.0, 0.0, held)) for h in (-1e-4, 1e-4))
     growth = math.sqrt(max(float(np.nanmedian(after - before)) / 2e-4, 0.0))
     return float(f"{GROWTH / growth:.2g}") if growth > 0.0 else math.inf

@@ -135,6 +135,11 @@ class Model:
         return "torque" if self.actuator is None else self.actuator.command
 
     @property
+    def at_angle(self) -> bool:
+        """Whether the command is an angle of the joint, as that of a servo is."""
+        return self.actuator is not None and self.actuator.at_angle
+
+    @property
     def command_unit(self) -> str:
         """The unit of the command."""
         return self.plant.unit("N m" if self.actuator is None else self.actuator.unit)
@@ -222,7 +227,7 @@ class Model:
 
         A servo is taken to have held the angle `like` for that time.
         """
-        held = like if self.actuator is not None and self.actuator.at_angle else like * 0.0
+        held = like if self.at_angle else like * 0.0
         return tuple(tuple(held + v for v in e.rest(self.dt)) for e in self.input_effects)
 
     def inner_rest(self, like: Value = 0.0) -> tuple[Memory, ...]:
@@ -263,7 +268,7 @@ class Model:
         """What `drives` yields, as (..., N, S) for records (..., N) at once: plain numbers only, many times faster."""
         fed = np.concatenate([u, np.repeat(u[..., -1:], self.ahead, axis=-1)], axis=-1)
         # effects with a memory begin at rest, which is a servo's first command
-        held = u[..., :1, None] if self.actuator is not None and self.actuator.at_angle else 0.0
+        held = u[..., :1, None] if self.at_angle else 0.0
         signal = np.repeat(fed[..., None], self.integrator.substeps, axis=-1) - held
         for e in self.input_effects:
             signal = e.whole(signal, self.dt)

@@ -149,7 +149,7 @@ class Work:
             "quantities": dict(model.plant.quantities),
             "command_unit": model.command_unit,
             "turns": model.plant.turns,
-            "at_angle": model.actuator is not None and model.actuator.at_angle,
+            "at_angle": model.at_angle,
             "reach": self._reach(torque),
             "u_max": float(max(np.max(np.abs(r.u)) for r in task.log)),
             "torque": torque.to_dict(series=False),
