@@ -18,6 +18,10 @@ def named(path):
     return str(path.relative_to(ROOT))
 
 
+def slug(heading):
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
 def said(found):
     return "\n\n".join(f"line {w.block.line}: {w.what}:\n{w.block.text}\n--- printed:\n{w.printed}" for w in found)
 
@@ -104,8 +108,27 @@ def test_links_within_the_repository_lead_somewhere(path):
             assert there.exists(), f"{target}: no such file"
             if anchor and there.suffix == ".md":
                 headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.M)
-                slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
-                assert anchor in slugs, f"{target}: no such heading"
+                assert anchor in map(slug, headings), f"{target}: no such heading"
+
+
+def test_counts_of_real_logs_are_those_of_the_rows():
+    page, evidence = ((DOCS / "explanation" / f).read_text(encoding="utf-8") for f in ("real_logs.md", "evidence.md"))
+    head, *parts = re.split(r"^## (.+)\n", page, flags=re.M)
+    verdicts = ("yes", "mostly", "unknown", "no")
+    rows = []
+    for kind, part in zip(parts[::2], parts[1::2], strict=True):
+        for line in re.findall(r"^\| (?!log \|)(.*) \|$", part, re.M):
+            log, _, _, verdict, _ = line.split(" | ")
+            assert verdict in verdicts, line
+            rows.append((kind, "*judged*" in log, verdict))
+    for title, some in (("all rows", rows), ("rows marked *judged*", [r for r in rows if r[1]])):
+        table = [f"| {title} | rows | {' | '.join(verdicts)} |", "|---|---:|---:|---:|---:|---:|"]
+        for kind in (*dict.fromkeys(r[0] for r in rows), "all"):
+            found = [v for k, _, v in some if kind in (k, "all")]
+            counts = " | ".join(map(str, (len(found), *map(found.count, verdicts))))
+            table.append(f"| {kind if kind == 'all' else f'[{kind}](#{slug(kind)})'} | {counts} |")
+        assert "\n".join(table) in head
+        assert f"| {title} | {counts} |" in evidence
 
 
 @pytest.mark.long
