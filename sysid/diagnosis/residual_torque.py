@@ -113,6 +113,8 @@ class ResidualTorque:
         Whether the log needs such a torque.
     drive : float
         RMS of the drive torque [N m].
+    averaged : float
+        RMS of d averaged over 0.4 s [N m], as a diagnosis counts what is missing; nan if all records are shorter.
     binned : dict
         The mean of d over each of theta (its place), theta_dot, torque, time.
     map : TorqueMap
@@ -132,6 +134,7 @@ class ResidualTorque:
     T: float
     present: bool
     drive: float
+    averaged: float
     binned: dict[str, Binned]
     map: TorqueMap
     dependence: Dependence
@@ -142,12 +145,12 @@ class ResidualTorque:
     @property
     def rms(self) -> float:
         """RMS of d over the log [N m]."""
-        return float(np.sqrt(np.mean(np.concatenate([r.d for r in self.records]) ** 2)))
+        return _root_mean_square(np.concatenate([r.d for r in self.records]))
 
     @property
     def band(self) -> float:
         """RMS of the posterior sd of d [N m]."""
-        return float(np.sqrt(np.mean(np.concatenate([r.sd for r in self.records]) ** 2)))
+        return _root_mean_square(np.concatenate([r.sd for r in self.records]))
 
     @property
     def share(self) -> float:
@@ -182,8 +185,8 @@ class ResidualTorque:
             "touched": self.contacts,
             "over": self.binned,
         }
-        names = ("present", "rms", "share", "band", "s", "T", "depends_on", "map", *(("records",) if series else ()))
-        return dict(plain(others)) | told(self, *names)
+        names = ("present", "rms", "averaged", "share", "band", "s", "T", "depends_on", "map")
+        return dict(plain(others)) | told(self, *names, *(("records",) if series else ()))
 
     @property
     def sentence(self) -> str:
@@ -191,10 +194,13 @@ class ResidualTorque:
         what, unit = quantity("torque", self.units), self.units["torque"]
         if not self.present:
             return f"No {what} beyond the model is visible; one of {self.s:.2g} {unit} rms would be."
-        share = f" ({self.share:.0%} of the drive's)" if math.isfinite(self.share) else ""
+        share = f"{self.share:.0%} of the drive's" if math.isfinite(self.share) else ""
+        slow = f"{self.averaged:.2g} {unit} averaged over 0.4 s" if math.isfinite(self.averaged) else ""
+        of_it = "; ".join(filter(None, (share, slow)))
+        size = f"{self.rms:.2g} {unit} rms" + (f" ({of_it})" if of_it else "")
         on = dependence_on(self.depends_on, self.dependence.where)
         vibration = " It changes from sample to sample: a vibration, or readings that contradict each other."
-        return f"A {what} of {self.rms:.2g} {unit} rms{share} acts beyond the model; {on}.{vibration * self.restless}"
+        return f"A {what} of {size} acts beyond the model; {on}.{vibration * self.restless}"
 
     def __str__(self) -> str:
         return " ".join([self.sentence, *([contacts_sentence(self.contacts)] if self.contacts else [])])
@@ -261,7 +267,8 @@ def torque_of(found: Fit) -> ResidualTorque:
         s=inertia * filter.disturbances.s,
         T=filter.disturbances.T,
         present=present,
-        drive=float(np.sqrt(np.mean(found.linearised.drive_torques[inside] ** 2))),
+        drive=_root_mean_square(found.linearised.drive_torques[inside]),
+        averaged=_root_mean_square(averaged),
         binned={name: means.over(name, values) for name, values in at.items()},
         map=means.map(at["theta"], at["theta_dot"]),
         dependence=dependence(found, averaged),
@@ -269,6 +276,12 @@ def torque_of(found: Fit) -> ResidualTorque:
         units=found.model.plant.quantities,
         converged=found.converged,
     )
+
+
+def _root_mean_square(values: Array) -> float:
+    """RMS of the values that are known; nan if there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
 def needed_disturbances(base: Fit) -> Disturbances:

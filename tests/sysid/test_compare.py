@@ -253,7 +253,7 @@ def test_what_a_hand_touched_is_set_apart() -> None:
 
 
 def test_the_size_of_the_missing_torque_is_said() -> None:
-    """RMS of a planted ripple along the motion, and what it is of the drive's."""
+    """RMS of a planted ripple along the motion, what it is of the drive's, and what a diagnosis counts of it."""
     records, ripple = logs(ROD.with_effect(Ripple(a=0.15, b=0.1, order=5.0))), Ripple(a=0.15, b=0.1, order=5.0)
     c = compare(ROD, records, SENSOR)
     theta = np.concatenate([r.theta for r in records if r.theta is not None])
@@ -261,7 +261,9 @@ def test_the_size_of_the_missing_torque_is_said() -> None:
     drive = math.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
     assert c.torque is not None and c.torque.rms == pytest.approx(planted, rel=0.15)
     assert c.torque.share == pytest.approx(c.torque.rms / drive, rel=1e-6)
-    assert f"{c.torque.rms:.2g} N m rms ({c.torque.share:.0%} of the drive's)" in c.sentence
+    assert 0.0 < c.torque.averaged < c.torque.rms
+    slow = f"{c.torque.averaged:.2g} N m averaged over 0.4 s"
+    assert f"{c.torque.rms:.2g} N m rms ({c.torque.share:.0%} of the drive's; {slow})" in c.sentence
 
 
 def test_an_axis_is_told_in_metres_and_newtons() -> None:
