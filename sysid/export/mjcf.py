@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from sysid.data.files import path_of
-from sysid.errors import InvalidInput, excerpt
+from sysid.errors import InvalidInput, check_kind, excerpt
 from sysid.export.exported import Exported, attribute_numbers, parsed_xml, text_of, unsaid_effects
 from sysid.export.mechanism import TERMS, Mechanism, mechanism
 from sysid.physics.effects.actuation import Lag
@@ -49,8 +49,9 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
     Raises
     ------
     InvalidInput
-        For a model of many machines, and a file that is not MJCF or has no such joint.
+        For a model of many machines, a name that is no text, and a file that is not MJCF or has no such joint.
     """
+    check_kind("joint", joint, str, "its name, such as 'hinge'")
     own = mechanism(model)
     if into is None:
         step, said = _step(own, model.dt), list[str]()

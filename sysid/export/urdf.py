@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
+from sysid.errors import check_kind
 from sysid.export.exported import Exported, attribute_numbers, text_of, unsaid_effects
 from sysid.export.mechanism import Mechanism, mechanism
 from sysid.physics.effects.actuation import BackEmf, Saturation
@@ -36,8 +37,9 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
     Raises
     ------
     InvalidInput
-        For a model of many machines.
+        For a model of many machines, and a name that is no text.
     """
+    check_kind("joint", joint, str, "its name, such as 'hinge'")
     return Exported("URDF", text_of(_document(mechanism(model), joint)), unsaid_effects(model, SAID, "URDF"))
 
 

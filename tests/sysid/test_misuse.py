@@ -255,6 +255,8 @@ MISUSES = {
     "load: None": (lambda: load(None), "path is None: expected the name of a file"),
     "load effects: None": (lambda: load_effects(None), "path is None: expected the name of a file"),
     "save: None": (lambda: save(JOINT, None), "path is None: expected the name of a file"),
+    "MJCF: joint by number": (lambda: to_mjcf(JOINT, joint=5), "joint is 5: expected its name, such as 'hinge'"),
+    "URDF: joint by number": (lambda: to_urdf(JOINT, joint=5), "joint is 5: expected its name, such as 'hinge'"),
     "MJCF: into a number": (lambda: to_mjcf(JOINT, into=5), "path is 5: expected the name of a file"),
 }
 
