@@ -513,6 +513,14 @@ def test_a_fast_motion_is_seen_through_the_noise():
     assert rate == pytest.approx(400.0, rel=0.02), "20 samples a period of 20 Hz"
 
 
+def test_what_gaps_cut_off_does_not_tell_the_rate_that_a_motion_needs():
+    """A moment of a sine, without its trend, is a part of no period: it has something at every frequency."""
+    t = np.arange(4001) * 1e-3
+    whole = Record(t, np.ones(4000), math.pi + 0.3 * np.sin(6.0 * math.pi * t))
+    moments = [whole.part(k, k + 50, f"moment {k}") for k in (900, 1300)]
+    assert needed_rate([whole]) == needed_rate([whole, *moments]) == 100.0 < needed_rate(moments)
+
+
 def test_the_rate_that_a_motion_needs_is_seen_in_its_speed_alone():
     t, rng = np.arange(4001) * 1e-3, np.random.default_rng(0)
     theta_dot = 2.0 * math.pi * np.cos(2.0 * math.pi * t) + 0.1 * np.sign(np.sin(6.0 * math.pi * t))
