@@ -37,6 +37,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
+from sysid.estimation.torque_regression import frees_gravity
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -133,10 +134,10 @@ def diagnose(
 
 
 def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
-    """How far ahead [s] the motion is `foreseeable`. It is inf if the plant's parameters are free and the log does not
-    show gravity, since then nothing is known to fall."""
+    """How far ahead [s] the motion is `foreseeable`. It is inf if gravity is free and the log does not show it, since
+    then nothing is known to fall."""
     if not set(names).isdisjoint(model.plant.parameters):
-        if "G/J" not in shown_ratios(model, records, sensor):
+        if frees_gravity(model, names) and "G/J" not in shown_ratios(model, names, records, sensor):
             return math.inf
         model = initial_guess(model, names, records, sensor)
     return foreseeable(model, records)

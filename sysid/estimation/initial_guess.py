@@ -39,9 +39,9 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     What the log does not show (no torque, no gravity) stays as it was. One exception is an inertia that does not show
     because friction and weight take nearly all of the torque: it is set to a small one.
     """
-    shown = shown_ratios(model, records, sensor)
+    shown = shown_ratios(model, names, records, sensor)
     if "1/J" not in shown:
-        shown |= _least_inertia(telling_motion(model, records, sensor))
+        shown |= _least_inertia(telling_motion(model, names, records, sensor))
     return _with_ratios(model, names, shown)
 
 
@@ -82,7 +82,7 @@ def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record],
         return [replace(r, u=np.clip(r.u, -limit, limit)) for r in records]
 
     def unexplained(limit: float) -> float:
-        terms = telling_motion(model, limited(limit), sensor)
+        terms = telling_motion(model, names, limited(limit), sensor)
         return 1.0 - regression(terms.columns, terms.speed_change).share
 
     largest = max(float(np.max(np.abs(r.u))) for r in records)
@@ -100,7 +100,7 @@ def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record]
     better than friction at all times, or if the model has it."""
     if model.at_angle or any(isinstance(e, CoastingDrive) for e in model.effects):
         return None
-    terms = telling_motion(model, records, sensor)
+    terms = telling_motion(model, names, records, sensor)
     found = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)
     left, before = 1.0 - found.share, 1.0 - regression(terms.columns, terms.speed_change).share
     weight, torque, *_, driven = zip(found.value, found.sd, strict=True)
@@ -183,13 +183,13 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
     ]
 
 
-def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
+def shown_ratios(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], each if it is positive and three standard errors from 0.
 
     One standard error is enough for 1/J where all terms together explain the changes of the speed well. A constant
     torque shows 1/J only if no offset acts beside it, so that the regression then has none.
     """
-    terms = telling_motion(model, records, sensor)
+    terms = telling_motion(model, names, records, sensor)
     found = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})

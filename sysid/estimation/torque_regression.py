@@ -20,8 +20,6 @@ SPAN = 0.2
 """Seconds over which the equation of motion is integrated: unintegrated, it would drown in an acceleration's noise."""
 EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
 """If SPAN explains less than this share of the speed's changes, these times are tried, too: a step may be quicker."""
-QUARTER = 0.5 * math.pi
-"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: a faster swing is integrated over that time."""
 STANDS = 0.05
 """Share of the RMS speed below which a joint counts as standing; friction then may be whatever holds it."""
 MOST = 20_000
@@ -32,6 +30,8 @@ ONE_SPEED = 0.2
 """Relative spread below which the speeds in one direction (between their 10 % and 90 % quantiles) are nearly one."""
 WHOLLY = 0.99
 """Share of a span from which the joint counts as moving in one direction over all of it."""
+ROUNDING = 1e-18
+"""A torque varies by no more than rounding if that is this share of its squares."""
 MADE_OF_FRICTION = 0.9
 """Share of a torque that friction and load have to explain to be named: if it is less, the rest could be anything."""
 
@@ -54,13 +54,22 @@ class IntegratedMotion(NamedTuple):
     slow: float
 
 
-def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
+def telling_motion(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
     """The integrated equation of motion over T = 0.2 s, or if its terms explain little, over the shorter T that shows
-    1/J best."""
-    terms = integrated_motion(model, records, sensor)
+    1/J best. A gravity that none of the free `names` determines is part of the torque: along a sine, for one, a free
+    one would stand for inertia."""
+
+    def over(seconds: float) -> IntegratedMotion:
+        terms = integrated_motion(model, records, sensor, seconds)
+        if model.plant.turns and not frees_gravity(model, names):
+            terms.columns[:, 1] += float(model.plant.gravity_torque(0.5 * math.pi)) * terms.columns[:, 0]
+            terms.columns[:, 0] = 0.0
+        return terms
+
+    terms = over(SPAN)
     if regression(terms.columns, terms.speed_change).share > EXPLAINED:
         return terms
-    return max([terms, *(integrated_motion(model, records, sensor, T) for T in SHORTER)], key=_sureness)
+    return max([terms, *map(over, SHORTER)], key=_sureness)
 
 
 def _sureness(terms: IntegratedMotion) -> float:
@@ -72,17 +81,18 @@ def _sureness(terms: IntegratedMotion) -> float:
 def integrated_motion(
     model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN, slow: float = 0.0
 ) -> IntegratedMotion:
-    """The equation of motion, integrated over so many `seconds`, or a quarter of a swing if that is shorter.
+    """The equation of motion, integrated over so many `seconds`, or over a radian of a swing if that is shorter.
 
-    Spans count in which the joint moves faster than `slow` [rad/s] and than STANDS of its record's RMS speed. A record
-    shorter than four spans gives none.
+    That time is sd theta / sd theta_dot, 1 / (2 pi) of a sine's period. A quarter would cut all periods at the
+    same places, and spans of few kinds tell no friction from another. Spans count in which the joint moves faster than
+    `slow` [rad/s] and than STANDS of its record's RMS speed. A record shorter than four spans gives none.
     """
     rows, targets, reach = [np.zeros((0, 6))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
     parts = first_samples(records, MOST)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
     for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
-        swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
-        span = max(round(min(seconds, swing) / part.dt), 1)
+        radian = float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
+        span = max(round(min(seconds, radian) / part.dt), 1)
         if len(part) < 4 * span:
             continue
         place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
@@ -186,7 +196,8 @@ def friction_along(
     level = regression(motion.columns[:, 4:], torque).value
     columns, torque = _of_the_torque(model, names, unseen_motion, motion, one_way)
     varies = float(np.sum((torque - unseen_motion.columns[:, 4:] @ level) ** 2))
-    share = 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies if varies > 0.0 else 0.0
+    constant = varies <= ROUNDING * float(np.sum(torque**2))
+    share = 0.0 if constant else 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies
     if not (_shows_friction(found) and share > MADE_OF_FRICTION):
         return None
     viscous, coulomb, load, inertia, *_ = zip(found.value, found.sd, strict=True)
@@ -220,8 +231,7 @@ def _of_the_torque(
     In a motion in one direction the sign is the constant, so that the column of 1 is set to 0."""
     (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
     columns = [-less_speed, -less_sign, 0.0 * one if one_way else one, motion.speed_change]
-    tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
-    if plant.turns and tells_gravity.isdisjoint(names):
+    if plant.turns and not frees_gravity(model, names):
         torque = torque + float(plant.gravity_torque(0.5 * math.pi)) * weight
     elif plant.turns and one_way:
         columns.append(weight)
@@ -239,6 +249,12 @@ def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:
 def weight_along(model: Model, theta: Array) -> Array:
     """The torque of gravity along theta per unit of its size; 0 for a plant that does not turn."""
     return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
+
+
+def frees_gravity(model: Model, names: Sequence[str]) -> bool:
+    """Whether one of the free `names` determines the size of gravity."""
+    plant = model.plant
+    return plant.turns and not ({plant.gravity} if plant.gravity else set(plant.parameters)).isdisjoint(names)
 
 
 def _sums(column: Array | NDArray[np.bool_], span: int) -> Array:

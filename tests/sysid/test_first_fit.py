@@ -259,7 +259,7 @@ def test_a_torque_that_never_changes_shows_an_inertia_and_no_friction(torque: fl
     records = SENSOR.measure(simulate(machine, held, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
     guess = initial_guess(Model(GeneralJoint(), dt=DT), ("J", "G"), records, SENSOR)
     np.testing.assert_allclose([guess.plant.parameters[n].value for n in ("J", "G")], [0.021, G], rtol=0.1)
-    assert _least_inertia(telling_motion(machine, records, SENSOR)) == {}
+    assert _least_inertia(telling_motion(machine, ("J", "G"), records, SENSOR)) == {}
 
 
 def asked_for(gain: float, seed: int, limit: float = 5.0) -> Record:

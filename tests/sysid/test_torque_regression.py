@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import DCMotor, GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, diagnose, simulate
-from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression
+from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression, telling_motion
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
 JOINT = GeneralJoint()
@@ -43,6 +43,37 @@ def test_friction_is_found_within_its_error_where_the_inertia_does_not_show(seed
     assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1]
     assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
     assert found.share > 0.9
+
+
+def led_along_a_sine(frequency: float, seed: int = 0, seconds: float = 10.0) -> Record:
+    """A joint with inertia 0.01, viscous and dry friction that a controller leads along a sine."""
+    rng, dt = np.random.default_rng(seed), 0.002
+    t, w = dt * np.arange(round(seconds / dt) + 1), 2.0 * np.pi * frequency
+    theta, middle = 0.35 * np.sin(w * t) + SENSOR.theta * rng.standard_normal(len(t)), t[:-1] + 0.5 * dt
+    theta_dot = 0.35 * w * np.cos(w * middle)
+    torque = -0.01 * w * w * 0.35 * np.sin(w * middle) + B * theta_dot + TAU_C * np.sign(theta_dot)
+    return Record(t, torque + 0.01 * rng.standard_normal(len(middle)), theta, name="sine")
+
+
+@pytest.mark.parametrize("frequency", (1.5, 3.0, 6.0))
+def test_a_sine_of_any_frequency_tells_dry_friction_from_viscous(frequency: float) -> None:
+    """Spans of a quarter of its period would be of one kind, and their friction could be either."""
+    found = along(led_along_a_sine(frequency), GeneralJoint(G=0.0), ("J",))
+    assert found is not None and not found.one_speed
+    assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1] + 0.02 * B
+    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C
+    assert found.inertia[0] == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize("G", (0.0, 1.5))
+def test_a_known_gravity_does_not_stand_for_inertia(G: float) -> None:
+    """Along a sine a weight is as good as an inertia, if it is free."""
+    record = led_along_a_sine(3.0)
+    assert record.theta is not None
+    record = replace(record, u=record.u - G * np.sin(record.theta[:-1]))
+    terms = telling_motion(Model(GeneralJoint(G=G), dt=record.dt), ("J",), [record], SENSOR)
+    found = regression(terms.columns, terms.speed_change)
+    assert found.value[:2] == pytest.approx([0.0, 100.0], rel=0.02) and found.sd[1] < 1.0
 
 
 def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -> None:
