@@ -41,9 +41,9 @@ A_CONTROLLERS_PATH = (
     "the motion does not show how the machine answers to a torque, as where a controller follows a path: the fitted "
     "inertia means little, and so do predictions. Fix what is known (--set), or move it faster"
 )
-A_LOST_FIT = (
-    "no fit of the model follows the motion, though its torque shows an inertia: the fitted one means little, as "
-    "predictions do. Set the inertia that is told (--set), or try another rate (--dt)"
+IN_NO_MODEL = (
+    "what the torque shows is in no model here: none that was fitted with it predicts the motion better. Set what is "
+    "known (--set), or try another rate (--dt)"
 )
 
 
@@ -313,7 +313,7 @@ class Diagnosis:
         """Reasons not to trust the numbers, a sentence each."""
         doubts = [] if self.estimate.success else [f"the fit did not end well: {self.estimate.status}"]
         if self.friction is not None:
-            doubts.append(A_LOST_FIT if self.friction.shows_inertia else A_CONTROLLERS_PATH)
+            doubts.append(IN_NO_MODEL if self.friction.shows_inertia else A_CONTROLLERS_PATH)
         elif self.remaining is not None and self.torque.overwhelms:
             what, unit = quantity("torque", self.error.units), self.error.units["torque"]
             drive = f"{what} of the drive (rms {self.torque.drive:.2g} {unit})"

@@ -33,7 +33,7 @@ LARGEST_NOISE = 10.0
 TELLING = 0.5
 """An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
 FAR_MORE = 3.0
-"""Friction and load along the motion leave so many times less torque (RMS) than a model whose fit has lost its way."""
+"""Friction, inertia and load along the motion leave so many times less torque (RMS) than a model that lacks them."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -243,7 +243,7 @@ class Confirmation:
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
         missing than the drive has, or more than friction and load do: any more if no inertia shows, and FAR_MORE times
-        as much, with no addition, if one does, since a fit has lost its way then.
+        as much, with no addition, if one does. Then a fit has lost its way, or something else spoils predictions.
         """
         found = self._friction_along()
         if found is None:
