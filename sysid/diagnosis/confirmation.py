@@ -150,25 +150,32 @@ class Confirmation:
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
-        An addition is needless if it raises the held-out error, or beside others does not lower it by what matters; if
-        its size is compatible with 0 or not determined by the readings; or if no machine has its numbers.
+        An addition is needless if it raises the held-out error, or beside others does not lower it by what matters (a
+        rare one by 1 + rarity times as much); if its size is compatible with 0 or not determined by the readings; or if
+        no machine has its numbers.
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_of(own))]
-            own = min(sound or fewer, key=lambda own: self.fit_with(own)[1].ratio)
-            tolerance = self.search.settings.tolerance if own else 0.0
-            lowered = is_lowered(error.ratio, self.fit_with(own)[1].ratio, tolerance)
-            if lowered and is_lowered(error.ratio, self.errors[()][1].ratio, 0.0):
-                rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
-                nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
-                nothing.sort(key=lambda a: squared_size(end, a.name))
-                nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
-                if not nothing:
-                    break
-                own = [a for a in self.additions if a is not nothing[0]]
-            self.additions = own
+            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_of(own))] or fewer
+            pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
+            worse = [own for own in sound if not pay or self._is_needless(own, error)]
+            if worse:
+                self.additions = min(worse, key=lambda own: self.fit_with(own)[1].ratio)
+                continue
+            rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
+            nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
+            nothing.sort(key=lambda a: squared_size(end, a.name))
+            nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
+            if not nothing:
+                break
+            self.additions = [a for a in self.additions if a is not nothing[0]]
+
+    def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
+        """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to."""
+        (left,) = (a for a in self.additions if a not in fewer)
+        tolerance = self.search.settings.tolerance * (1.0 + CATALOGUE[left.name].rarity) if fewer else 0.0
+        return not is_lowered(error.ratio, self.fit_with(fewer)[1].ratio, min(tolerance, 1.0))
 
     def _unmask(self) -> None:
         """Take back additions that mask something unknown, and confirm the others anew after each.

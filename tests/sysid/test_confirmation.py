@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import combinations
@@ -93,6 +94,16 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
     assert names_of(found.additions) == (("coulomb",) if stays else ())
 
 
+@pytest.mark.parametrize(("small", "stays"), [("coulomb", True), ("viscous", True), ("tilt", False)])
+def test_a_rarer_effect_has_to_do_more_to_stay(small: str, stays: bool) -> None:
+    """Of the error beyond the noise, the others halve what is left; three per cent are enough for a friction alone."""
+    factors = {name: 0.97 if name == small else 0.5 for name in NAMES}
+    beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
+    with scripted():
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    assert names_of(found.additions) == tuple(name for name in NAMES if stays or name != small)
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives
@@ -132,3 +143,17 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
     assert found.friction is (friction if said else None)
     assert names_of(found.additions) == (() if said else NAMES)
     assert not found.unconfirmed
+
+
+@pytest.mark.parametrize(("drive", "worse", "said"), [(1.4, 1.0, True), (1.4, -1.0, False), (2.0, 1.0, False)])
+def test_friction_and_inertia_are_told_where_nothing_was_added_and_three_times_as_much_torque_is_missing(
+    drive: float, worse: float, said: bool
+) -> None:
+    """Each addition makes predictions `worse`; along the motion a twentieth of the drive's squares is left."""
+    friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), SEEN, 0.95)
+    with scripted() as patch:
+        patch.setattr(Scripted, "_friction_along", lambda *_: friction)
+        patch.setattr(Scripted, "torque", lambda *_: _torque(1.0, drive))
+        patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))
+        found = Scripted({own: 5.0 + worse * len(own) for own in SUBSETS}, frozenset())
+    assert found.friction is (friction if said else None)
