@@ -129,6 +129,10 @@ def test_counts_of_real_logs_are_those_of_the_rows():
             table.append(f"| {kind if kind == 'all' else f'[{kind}](#{slug(kind)})'} | {counts} |")
         assert "\n".join(table) in head
         assert f"| {title} | {counts} |" in evidence
+    every, right, nearly, silent, wrong = len(rows), *map([v for _, _, v in rows].count, verdicts)
+    told = f"in {right} of them, and but for a small thing in {nearly}; it was `unknown` in {silent}, and a number or"
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    assert f"Before {every} other public logs" in readme and f"{told} an effect was wrong in {wrong}." in readme
 
 
 @pytest.mark.long

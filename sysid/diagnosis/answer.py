@@ -41,10 +41,6 @@ A_CONTROLLERS_PATH = (
     "the motion does not show how the machine answers to a torque, as where a controller follows a path: the fitted "
     "inertia means little, and so do predictions. Fix what is known (--set), or move it faster"
 )
-IN_NO_MODEL = (
-    "what the torque shows is in no model here: none that was fitted with it predicts the motion better. Set what is "
-    "known (--set), or try another rate (--dt)"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +309,7 @@ class Diagnosis:
         """Reasons not to trust the numbers, a sentence each."""
         doubts = [] if self.estimate.success else [f"the fit did not end well: {self.estimate.status}"]
         if self.friction is not None:
-            doubts.append(IN_NO_MODEL if self.friction.shows_inertia else A_CONTROLLERS_PATH)
+            doubts.append(A_CONTROLLERS_PATH)
         elif self.remaining is not None and self.torque.overwhelms:
             what, unit = quantity("torque", self.error.units), self.error.units["torque"]
             drive = f"{what} of the drive (rms {self.torque.drive:.2g} {unit})"
@@ -354,8 +350,7 @@ class Diagnosis:
         )
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
-        """Friction, inertia and load in the torque along the motion, in words; only what is three standard errors from
-        0."""
+        """Friction and load in the torque along the motion, in words; only what is three standard errors from 0."""
         plant = self.model.plant
         torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
         (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0
@@ -364,7 +359,6 @@ class Diagnosis:
         terms = (
             (dry, *friction.coulomb, torque),
             ("friction that falls with speed by" if falls else "viscous friction of", abs(b), b_sd, slope),
-            ("an inertia of", max(friction.inertia[0], 0.0), friction.inertia[1], plant.unit("kg m^2")),
             ("a constant load of", *friction.load, torque),
         )
         *some, last = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]

@@ -32,8 +32,6 @@ LARGEST_NOISE = 10.0
 """Errors of so many times the noise cannot mean that the noise was given too small: something remains."""
 TELLING = 0.5
 """An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
-FAR_MORE = 3.0
-"""Friction, inertia and load along the motion leave so many times less torque (RMS) than a model that lacks them."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -249,16 +247,14 @@ class Confirmation:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has, or more than friction and load do: any more if no inertia shows, and FAR_MORE times
-        as much, with no addition, if one does. Then a fit has lost its way, or something else spoils predictions.
+        missing than the drive has, or no inertia shows and they leave more missing than friction and load do.
         """
         found = self._friction_along()
         if found is None:
             return
         end, error = self.fit_with(self.additions)
         torque = self.torque(end)
-        more = torque.after**2 / max((1.0 - found.share) * torque.drive**2, 1e-300)
-        better = more > FAR_MORE**2 and not self.additions if found.shows_inertia else more > 1.0
+        better = torque.after**2 > (1.0 - found.share) * torque.drive**2 and not found.shows_inertia
         if (torque.overwhelms or better) and self.remaining(end, error, torque) is not None:
             self.friction, self.additions, self.unconfirmed = found, [], []
 

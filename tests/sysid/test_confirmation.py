@@ -143,17 +143,3 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
     assert found.friction is (friction if said else None)
     assert names_of(found.additions) == (() if said else NAMES)
     assert not found.unconfirmed
-
-
-@pytest.mark.parametrize(("drive", "worse", "said"), [(1.4, 1.0, True), (1.4, -1.0, False), (2.0, 1.0, False)])
-def test_friction_and_inertia_are_told_where_nothing_was_added_and_three_times_as_much_torque_is_missing(
-    drive: float, worse: float, said: bool
-) -> None:
-    """Each addition makes predictions `worse`; along the motion a twentieth of the drive's squares is left."""
-    friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), SEEN, 0.95)
-    with scripted() as patch:
-        patch.setattr(Scripted, "_friction_along", lambda *_: friction)
-        patch.setattr(Scripted, "torque", lambda *_: _torque(1.0, drive))
-        patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))
-        found = Scripted({own: 5.0 + worse * len(own) for own in SUBSETS}, frozenset())
-    assert found.friction is (friction if said else None)

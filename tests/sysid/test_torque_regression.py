@@ -248,14 +248,3 @@ def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path(b:
     assert ("friction that falls with speed by 0.0" in answer.finding) is (b < 0.0)
     assert "follows a path" in answer.doubts[-1]
     assert answer.to_dict()["friction_along_the_motion"]["share"] > 0.9
-
-
-def test_friction_that_no_model_may_have_is_told_with_the_inertia_beside_it() -> None:
-    """Where the torque along the motion shows both, a model without friction is no reason to say that nothing does."""
-    record, model = led_along_a_sine(1.5, seconds=4.0), Model(GeneralJoint(G=0.0), dt=0.002)
-    answer = diagnose(model, [record], SENSOR, effects=["torque_bias"], parameters=["J"])
-    assert answer.friction is not None and answer.verdict == "partly" and not answer.steps
-    assert answer.friction.inertia[0] == pytest.approx(0.01, rel=0.02)
-    assert answer.friction.coulomb[0] == pytest.approx(TAU_C, rel=0.02)
-    assert "dry friction of 0.2" in answer.finding and "an inertia of 0.01" in answer.finding
-    assert "predicts the motion better" in answer.doubts[-1]
