@@ -56,20 +56,11 @@ class IntegratedMotion(NamedTuple):
 
 def telling_motion(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
     """The integrated equation of motion over T = 0.2 s, or if its terms explain little, over the shorter T that shows
-    1/J best. A gravity that none of the free `names` determines is part of the torque: along a sine, for one, a free
-    one would stand for inertia."""
-
-    def over(seconds: float) -> IntegratedMotion:
-        terms = integrated_motion(model, records, sensor, seconds)
-        if model.plant.turns and not frees_gravity(model, names):
-            terms.columns[:, 1] += float(model.plant.gravity_torque(0.5 * math.pi)) * terms.columns[:, 0]
-            terms.columns[:, 0] = 0.0
-        return terms
-
-    terms = over(SPAN)
+    1/J best."""
+    terms = integrated_motion(model, names, records, sensor)
     if regression(terms.columns, terms.speed_change).share > EXPLAINED:
         return terms
-    return max([terms, *map(over, SHORTER)], key=_sureness)
+    return max([terms, *(integrated_motion(model, names, records, sensor, T) for T in SHORTER)], key=_sureness)
 
 
 def _sureness(terms: IntegratedMotion) -> float:
@@ -79,12 +70,21 @@ def _sureness(terms: IntegratedMotion) -> float:
 
 
 def integrated_motion(
-    model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN, slow: float = 0.0
+    model: Model,
+    names: Sequence[str],
+    records: Sequence[Record],
+    sensor: Sensor,
+    seconds: float = SPAN,
+    slow: float = 0.0,
 ) -> IntegratedMotion:
     """The equation of motion, integrated over so many `seconds`, or over a radian of a swing if that is shorter.
 
     That time is sd theta / sd theta_dot, 1 / (2 pi) of a sine's period. A quarter would cut all periods at the
-    same places, and spans of few kinds tell no friction from another. Spans count in which the joint moves faster than
+    same places, and spans of few kinds tell no friction from another.
+
+    A gravity that none of the free `names` determines is part of tau: along a sine a free one is as good as an inertia.
+
+    Spans count in which the joint moves faster than
     `slow` [rad/s] and than STANDS of its record's RMS speed. A record shorter than four spans gives none.
     """
     rows, targets, reach = [np.zeros((0, 6))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
@@ -109,6 +109,9 @@ def integrated_motion(
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     slow = slow_speed([theta_dot for _, theta_dot in smoothed])
     found = np.concatenate(rows)
+    if model.plant.turns and not frees_gravity(model, names):
+        found[:, 1] += float(model.plant.gravity_torque(0.5 * math.pi)) * found[:, 0]
+        found[:, 0] = 0.0
     return IntegratedMotion(found[:, :5], found[:, 5], np.concatenate(targets), slow)
 
 
@@ -183,18 +186,18 @@ def friction_along(
     """
     if model.damping in names:
         model = model.with_parameters({model.damping: 0.0})
-    slow = integrated_motion(model, records, sensor).slow
-    motion = integrated_motion(model, records, sensor, slow=slow)
-    unseen_motion = integrated_motion(model, unseen, sensor, slow=slow)
+    slow = integrated_motion(model, names, records, sensor).slow
+    motion = integrated_motion(model, names, records, sensor, slow=slow)
+    unseen_motion = integrated_motion(model, names, unseen, sensor, slow=slow)
     one_way = _is_one_way(motion)
-    columns, torque = _of_the_torque(model, names, motion, motion, one_way)
+    columns, torque = _of_the_torque(model, motion, motion, one_way)
     found = regression(columns, torque)
     one_speed = _is_at_one_speed(motion) or not _shows_friction(found)
     if one_speed:
         columns[:, 0] = 0.0
         found = regression(columns, torque)
     level = regression(motion.columns[:, 4:], torque).value
-    columns, torque = _of_the_torque(model, names, unseen_motion, motion, one_way)
+    columns, torque = _of_the_torque(model, unseen_motion, motion, one_way)
     varies = float(np.sum((torque - unseen_motion.columns[:, 4:] @ level) ** 2))
     constant = varies <= ROUNDING * float(np.sum(torque**2))
     share = 0.0 if constant else 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies
@@ -225,20 +228,16 @@ def _is_at_one_speed(motion: IntegratedMotion) -> bool:
 
 
 def _of_the_torque(
-    model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion, one_way: bool
+    model: Model, motion: IntegratedMotion, middle_of: IntegratedMotion, one_way: bool
 ) -> tuple[Array, Array]:
-    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they add up to.
+    """Columns (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they add up to.
     In a motion in one direction the sign is the constant, so that the column of 1 is set to 0."""
-    (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
-    columns = [-less_speed, -less_sign, 0.0 * one if one_way else one, motion.speed_change]
-    if plant.turns and not frees_gravity(model, names):
-        torque = torque + float(plant.gravity_torque(0.5 * math.pi)) * weight
-    elif plant.turns and one_way:
-        columns.append(weight)
-    else:
+    weight, torque, less_speed, less_sign, one = motion.columns.T
+    if not (model.plant.turns and one_way):
         middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
-        columns.append(weight - middle * one)
-    return np.column_stack(columns), torque
+        weight = weight - middle * one
+    constant = 0.0 * one if one_way else one
+    return np.column_stack([-less_speed, -less_sign, constant, motion.speed_change, weight]), torque
 
 
 def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:
