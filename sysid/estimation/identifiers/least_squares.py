@@ -33,6 +33,10 @@ EXACT = replace(
 )
 """Settings of the second fit: slopes at a point, since wider ones move the optimum by some hundredths of an sd."""
 
+LOST = 0.05
+"""Share of the readings' variation that an optimum may leave and still follow the rollouts. One that leaves more is one
+of the many at which a model swings over at other times than the machine; which of them is found is chance."""
+
 DAMPED = replace(EXACT, patience=0)
 """The same with at most half steps: where rollouts hardly determine their start, whole ones may go to and fro."""
 
@@ -48,8 +52,8 @@ class LeastSquares:
     that the sensor has a noise for counts, also two of one instant. The covariance is the inverse Fisher information.
 
     Fits begin at the model's own numbers, then at others, at most `starts` times, until one explains the readings to
-    the sensor's noise or two agree. If none converges, as for a model that cannot follow a whole rollout, the answer is
-    the fit beside a random torque, and its status says so.
+    the sensor's noise or two agree. If none converges where it follows the readings, as for a model that cannot follow
+    a whole rollout, the answer is the fit beside a random torque, and its status says so.
     """
 
     parameters: Sequence[str] = ("m", "l")
@@ -66,14 +70,14 @@ class LeastSquares:
         found: list[Fit] = []
         for start in islice(parameter_starts(free), self.starts):
             here = self._from(samples, model, start)
-            agreed = any(abs(_squares(other) / _squares(here) - 1.0) < 1e-6 for other in found if other.converged)
+            agreed = any(abs(_squares(other) / _squares(here) - 1.0) < 1e-6 for other in found if _follows(other))
             found.append(here)
-            if here.converged and (agreed or _misfit(here) < 1.0):
+            if _follows(here) and (agreed or _misfit(here) < 1.0):
                 break
-        converged = [here for here in found if here.converged]
-        if not converged:
+        following = [here for here in found if _follows(here)]
+        if not following:
             return self._beside_a_random_torque(samples, model, len(found))
-        return _estimate(min(converged, key=_squares), len(found))
+        return _estimate(min(following, key=_squares), len(found))
 
     def _from(self, samples: Samples, model: Model, start: Array) -> Fit:
         """The optimum that is reached from the parameters `start` (P,)."""
@@ -89,6 +93,15 @@ class LeastSquares:
         )
         answer = fit_parameters(samples, model, self.parameters).estimate("least squares")
         return replace(answer, success=False, status=status)
+
+
+def _follows(found: Fit) -> bool:
+    """Whether a fit has converged, to an optimum at which the model follows the rollouts."""
+    if not found.converged or _misfit(found) < 1.0:
+        return found.converged
+    y, weight = found.samples.y, found.samples.weight**2
+    middle = np.sum(weight * y, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
+    return _squares(found) < LOST * float(np.sum(weight * (y - middle) ** 2))
 
 
 def _squares(found: Fit) -> float:
