@@ -149,8 +149,8 @@ class Confirmation:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
         An addition is needless if it raises the held-out error, or beside others does not lower it by what matters (a
-        rare one by 1 + rarity times as much); if its size is compatible with 0 or not determined by the readings; or if
-        no machine has its numbers.
+        rare one by 1 + rarity times as much, and alone by rarity times); if its size is compatible with 0 or not
+        determined by the readings; or if no machine has its numbers.
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
@@ -172,7 +172,8 @@ class Confirmation:
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
         """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to."""
         (left,) = (a for a in self.additions if a not in fewer)
-        tolerance = self.search.settings.tolerance * (1.0 + CATALOGUE[left.name].rarity) if fewer else 0.0
+        least = CATALOGUE[left.name].rarity + (1.0 if fewer else 0.0)
+        tolerance = self.search.settings.tolerance * least
         return not is_lowered(error.ratio, self.fit_with(fewer)[1].ratio, min(tolerance, 1.0))
 
     def _unmask(self) -> None:

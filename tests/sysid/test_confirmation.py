@@ -104,6 +104,15 @@ def test_a_rarer_effect_has_to_do_more_to_stay(small: str, stays: bool) -> None:
     assert names_of(found.additions) == tuple(name for name in NAMES if stays or name != small)
 
 
+@pytest.mark.parametrize(("share", "stays"), [(0.99, False), (0.97, True)])
+def test_a_rare_effect_alone_has_to_lower_the_error_too(share: float, stays: bool) -> None:
+    """The two frictions beside it change nothing, and go first."""
+    beyond = {own: 4.0 * (share if "tilt" in own else 1.0) for own in SUBSETS}
+    with scripted():
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    assert names_of(found.additions) == (("tilt",) if stays else ())
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives
