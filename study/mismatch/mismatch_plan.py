@@ -71,6 +71,7 @@ class MismatchPlan(TrialPlan):
         return tuple(strategy for strategy in self.strategies if STRATEGIES[strategy].center == strategy)
 
     def strategy_on(self, plant: HiddenPlant, name: str) -> Strategy:
+        """The strategy of that name; one that does not measure knows the plant."""
         from study.mismatch.measured import known_setup
         from study.strategies.identified import Identified, Unmeasured
 

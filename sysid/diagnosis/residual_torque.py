@@ -195,8 +195,8 @@ class ResidualTorque:
         if not self.present:
             return f"No {what} beyond the model is visible; one of {self.s:.2g} {unit} rms would be."
         share = f"{self.share:.0%} of the drive's" if math.isfinite(self.share) else ""
-        slow = f"{self.averaged:.2g} {unit} averaged over 0.4 s" if math.isfinite(self.averaged) else ""
-        of_it = "; ".join(filter(None, (share, slow)))
+        averaged = f"{self.averaged:.2g} {unit} averaged over 0.4 s" if math.isfinite(self.averaged) else ""
+        of_it = "; ".join(filter(None, (share, averaged)))
         size = f"{self.rms:.2g} {unit} rms" + (f" ({of_it})" if of_it else "")
         on = dependence_on(self.depends_on, self.dependence.where)
         vibration = " It changes from sample to sample: a vibration, or readings that contradict each other."

@@ -158,6 +158,7 @@ def value(tree: ast.AST, names: Mapping[str, Value]) -> Value:
 
 
 def made(own: OwnEffect) -> type[Effect]:
+    """The class of an effect that a user wrote. Raises InvalidInput for a name or a formula that cannot be one's."""
     if not own.name.isidentifier() or keyword.iskeyword(own.name) or not own.name.islower() or len(own.name) > 40:
         raise InvalidInput(f"{excerpt(own.name)} is no name: expected small letters and _, as in magnet_beside")
     tree = parsed_formula(own.formula)

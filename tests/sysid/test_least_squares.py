@@ -164,6 +164,14 @@ def test_a_model_that_cannot_follow_whole_rollouts_is_no_success_and_keeps_hones
     assert_covered(found, truth)
 
 
+def test_a_motion_hardly_larger_than_a_noise_that_is_told_too_small_is_followed():
+    truth, rng = Model(GeneralJoint(J=0.12, G=1.3), (Viscous(b=0.05),), dt=0.02), np.random.default_rng(0)
+    noisy = Sensor(theta=0.03, theta_dot=0.1)
+    records = noisy.measure(simulate(truth, 0.03 * multisine(rng, 1000, 0.02, 1.5, 2.0), np.pi, 0.0), rng)
+    told = Sensor(theta=0.02, theta_dot=0.07)
+    assert LeastSquares(("J", "G", "viscous.b"), told, starts=1).fit(truth, records).success
+
+
 def test_numbers_far_from_one_are_found_from_the_models_own():
     truth = Model(GeneralJoint(J=1e-4, G=0.01), (Viscous(b=1e-5),), dt=0.01)
     rng = np.random.default_rng(0)

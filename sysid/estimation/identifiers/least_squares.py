@@ -96,12 +96,11 @@ class LeastSquares:
 
 
 def _follows(found: Fit) -> bool:
-    """Whether a fit has converged, to an optimum at which the model follows the rollouts."""
-    if not found.converged or _misfit(found) < 1.0:
-        return found.converged
+    """Whether a fit has converged to an optimum at which the model follows the rollouts, or to twice the noise."""
     y, weight = found.samples.y, found.samples.weight**2
     middle = np.sum(weight * y, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
-    return _squares(found) < LOST * float(np.sum(weight * (y - middle) ** 2))
+    variation = float(np.sum(weight * (y - middle) ** 2))
+    return found.converged and _squares(found) < LOST * variation + 4.0 * found.samples.readings
 
 
 def _squares(found: Fit) -> float:
