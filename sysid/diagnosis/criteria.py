@@ -81,12 +81,12 @@ def _sizes(found: Fit, name: str) -> list[int]:
 def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
     """The decrease of the deviance by these effects, divided by the excess variance of their numbers.
 
-    What a model lacks is no Gaussian process, so that even an idle effect gains more than likelihood theory says. The
-    mean square of `Fit.wider` is that factor (Huber's correction of the likelihood ratio).
+    What a model lacks is no Gaussian process, so that even an idle effect gains more than likelihood theory says: by
+    `Fit.excess`, averaged over its numbers.
     """
     parameters = found.model.parameters
     own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
-    excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
+    excess = float(np.mean(found.excess[own])) if own else 1.0
     return (other.deviance - found.deviance) / excess
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from sysid.physics.ops import Array
 
 STRETCH = 1.0
 """Length [s] of the stretches over which the effects of what a model lacks are correlated."""
+CHECKED = 0.99
+"""Share of a stretch that the jackknife leaves out: with all of it, a number that one stretch alone tells would have no
+interval."""
 
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
@@ -98,31 +102,51 @@ class Fit:
         """Covariance (P, P) of the parameters from the readings alone; infinite if they leave a direction undetermined.
 
         What a model lacks is no Gaussian process. Beside a random torque the sd of each parameter is therefore at least
-        that of Huber's and White's sandwich, from the likelihood's slope g_b = Z_b'e_b in stretches b of a second:
+        that of the jackknife, which leaves out one of K stretches b of a second after the other:
 
-            sd_i^2 = (N^-1 sum_b g_b g_b' N^-1)_ii,    N = Z'Z
+            p_b = p - (N - N_b)^-1 g_b,    N = Z'Z,  N_b = Z_b'Z_b,  g_b = Z_b'e_b
+            sd_i^2 = (K - 1) / K sum_b (p_b - p)_i^2
+
+        Efron, The Jackknife, the Bootstrap and Other Resampling Plans (1982); for regressions it is CV3 of MacKinnon,
+        Nielsen, Webb, Journal of Econometrics 232 (2023) 272.
         """
-        covariance = inverse(self.Z.T @ self.Z)
-        return covariance * np.outer(self.wider, self.wider)
+        return self.likelihood_covariance * np.outer(self.wider, self.wider)
+
+    @cached_property
+    def likelihood_covariance(self) -> Array:
+        """The covariance (P, P) from the likelihood's curvature."""
+        return inverse(self.Z.T @ self.Z)
 
     @cached_property
     def wider(self) -> Array:
-        """The factor (P,), at least 1, by which the sandwich's sd exceeds that from the likelihood's curvature."""
-        covariance = inverse(self.Z.T @ self.Z)
-        if self.undisturbed or not np.all(np.isfinite(covariance)):
-            return np.ones(len(self.names))
-        return np.sqrt(np.maximum(np.diag(self._scattered(covariance)) / np.diag(covariance), 1.0))
+        """The factor (P,), at least 1, by which the jackknife's sd exceeds that from the likelihood's curvature."""
+        return np.sqrt(np.maximum((1.0 - 1.0 / len(self._stretches)) * self._scatter(CHECKED), 1.0))
 
-    def _scattered(self, covariance: Array) -> Array:
-        """The sandwich covariance (P, P) from stretches of `STRETCH`."""
-        samples = self.samples
-        stretch = np.floor(samples.t / STRETCH).astype(np.intp) + 10_000_000 * samples.number
-        _, number = np.unique(stretch, return_inverse=True)
-        slope = (self.Z * self.e[:, None]).reshape(len(samples), 2, -1).sum(axis=1)
-        total = np.zeros((int(number[-1]) + 1, slope.shape[1]))
-        np.add.at(total, number, slope)
-        scattered: Array = covariance @ (total.T @ total) @ covariance
-        return scattered
+    @cached_property
+    def excess(self) -> Array:
+        """The factor (P,), at least 1, by which even a superfluous number gains more likelihood than theory says.
+
+        It is the variance by Huber's and White's sandwich, sum_b N^-1 g_b g_b' N^-1, over that from the curvature.
+        """
+        return np.maximum(self._scatter(0.0), 1.0)
+
+    def _scatter(self, left_out: float) -> Array:
+        """The variances (P,) sum_b p_b^2, p_b = (N - left_out N_b)^-1 g_b, over those from the likelihood's curvature;
+        1 without disturbances, and if the readings leave a direction undetermined."""
+        if self.undisturbed or not np.all(np.isfinite(self.likelihood_covariance)):
+            return np.ones(len(self.names))
+        size = np.linalg.norm(self.Z, axis=0)
+        Z, e = self.Z / size, self.e
+        moved = [np.linalg.solve(Z.T @ Z - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
+        scatter: Array = np.sum(np.square(moved), axis=0) / np.diag(self.likelihood_covariance)
+        return scatter
+
+    @cached_property
+    def _stretches(self) -> list[slice]:
+        """The innovations of each stretch of `STRETCH`."""
+        stretch = np.floor(self.samples.t / STRETCH) + 1e7 * self.samples.number
+        begins = [*np.flatnonzero(np.diff(stretch, prepend=-1.0)).tolist(), len(self.samples)]
+        return [slice(2 * a, 2 * b) for a, b in pairwise(begins)]
 
     @cached_property
     def undisturbed(self) -> bool:

@@ -195,10 +195,10 @@ def test_bad_settings_are_named(changes, message):
 @pytest.mark.long
 @pytest.mark.parametrize(("effects", "steps", "within"), [((), 1_024_000, 0.04), ((Delay(T=0.155),), 2_048_000, 0.04)])
 def test_agents_get_near_the_optimum(effects, steps, within):
-    """The median of five, on the paper's rod, after half the steps that `policies train` takes; with a delay, all."""
+    """The median of three, on the paper's rod, after half the steps that `policies train` takes; with a delay, all."""
     model = dataclasses.replace(paper_model(2.0, 1.5), effects=effects)
     history, starts = past_commands_needed(model), fresh_start_states(0, 100)
-    population = SHACPopulation(model, [Fixed()] * 5, range(5), SHACSettings(steps=steps), history=history)
+    population = SHACPopulation(model, [Fixed()] * 3, range(3), SHACSettings(steps=steps), history=history)
     population.train(population.settings.steps)
     returns = batch_returns(population.policies(), model, *starts).mean(1)
     optimum = references(model, *starts)[0].evaluation.mean

@@ -71,18 +71,22 @@ def test_intervals_are_as_wide_as_the_likelihood_says_where_nothing_is_missing()
         np.testing.assert_array_equal(found.covariance, inverse(found.Z.T @ found.Z))
 
 
-def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought() -> None:
-    """What a model lacks is no Gaussian process of the memory that a fit gives it: intervals are wider for it."""
+@pytest.mark.parametrize(("count", "n", "covers", "alone"), [(20, 500, 0.9, 0.85), (30, 200, 0.85, 0.8)])
+def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought(
+    count: int, n: int, covers: float, alone: float
+) -> None:
+    """What a model lacks is no Gaussian process of the memory that a fit gives it: intervals are wider for it, also in
+    four seconds, of which each stretch tells much of what is known."""
     truth, z, wider = np.array([0.3, 2.0, 0.07]), [], []
-    for record in logs(JOINT, 20, 500, 0.6, 3.0, seed=5):
+    for record in logs(JOINT, count, n, 0.6, 3.0, seed=5):
         white = Disturbances(6.0, 0.01)
         found = fit_parameters(Samples(JOINT, [record], SENSOR), JOINT, NAMES, disturbances=white, settings=QUIET)
         z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
         wider.append(found.wider)
     assert np.min(wider) >= 1.0
     assert np.all(np.mean(wider, axis=0)[1:] > 1.3), "gravity and friction are what a slow torque imitates"
-    assert np.mean(np.abs(z) < 1.96) > 0.9
-    assert np.mean(np.abs(np.array(z) * wider) < 1.96) < 0.85, "without it they would not cover"
+    assert np.mean(np.abs(z) < 1.96) > covers
+    assert np.mean(np.abs(np.array(z) * wider) < 1.96) < alone, "without it they would not cover"
 
 
 @pytest.mark.parametrize("T", [0.01, 0.03, 0.1, 0.3, 1.0])
