@@ -31,12 +31,13 @@ SPREAD = (3.0, 30.0)
 class LinearSystem:
     """A linear state-space model of M instants; x is the deviation from the motion that it was linearised about.
 
-        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k, 0) + v_k,   v ~ N(0, I)
+        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k o_k e_shared + v_k,   v ~ N(0, I)
 
     x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
     The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
-    readings are in units of the sensor's sd, 0 where nothing was read; weight (M,) is 1 / sd of the angle's reading.
-    follows (M,) says whether the next instant is of the same record. dt [s]. reach [rad]: a large way for this log.
+    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of the channel `shared`, 0 for the angle and 1
+    for the speed, whose readings have weight (M,) = 1 / sd. follows (M,) says whether the next instant is of the same
+    record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array
@@ -48,6 +49,7 @@ class LinearSystem:
     dt: float
     inner_sd: tuple[float, ...] = ()
     reach: float = 1.0
+    shared: int = 0
 
     @property
     def size(self) -> int:
@@ -91,7 +93,8 @@ class LinearSystem:
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
-        steps = _steps(N, own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), disturbances.sigma_o > 0.0)
+        coloured = self.shared if disturbances.sigma_o > 0.0 else None
+        steps = _steps(N, own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), coloured)
         buffer, run = steps.buffer()
         buffer.set_arg(2, _view(scale))
         for begin in range(0, len(columns), BLOCK):
@@ -121,14 +124,14 @@ def _diagonal(N: int) -> list[int]:
     return [_packed(N) - _packed(N - j) for j in range(N)]
 
 
-def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: int | None) -> casadi.Function:
     """One instant of the filter: update by each channel's reading in turn, then predict the next instant.
 
         S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
 
     The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale. The outputs are the next P
     and m; and the gains K, variances S and errors e of the readings. The flags keep zeros out of the graph: whether
-    each channel shows its own state alone, whether theta and theta_dot were read at all, and whether there is an o.
+    each channel shows its own state alone, whether theta and theta_dot were read at all, and the channel that o is in.
     """
     n = N - 2
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
@@ -137,7 +140,7 @@ def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bo
     A, gap, rest = casadi.reshape(column[: n * (n + 1)], n + 1, n).T, column[n * (n + 1) : n * (n + 2)], column[-8:]
     H, r, weight, ends = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
     P, m = casadi.tril2symm(casadi.SX(lower, state[: _packed(N)])), state[_packed(N) :]
-    if not coloured:
+    if coloured is None:
         P[3, :], P[:, 3], m[3] = 0, 0, 0
         P = casadi.sparsify(P)
     gains, variances, errors = list[casadi.SX](), list[casadi.SX](), list[casadi.SX]()
@@ -147,7 +150,7 @@ def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bo
             for j in range(2):
                 if i == j or not own_state:
                     h[j] = H[i, j]
-            if i == 0 and coloured:
+            if i == coloured:
                 h[3] = weight
             Ph = P @ h.T
             S, e = 1.0 + h @ Ph, r[i] - h @ m
@@ -167,7 +170,7 @@ def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bo
 
 
 @cache
-def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: int | None) -> casadi.Function:
     """`_instant` over a BLOCK of instants, with its outputs after each. UNROLLED of them share one graph, since a call
     for each would cost as much as the computation itself."""
     instant = _instant(N, own_state, theta, theta_dot, coloured)
@@ -231,7 +234,7 @@ class Filter:
         s, own, M, N = self.system, self.own, len(self.own), self.system.size
         first, second = own[:, :N], own[:, N : 2 * N]
         H = np.zeros((M, 2, N))
-        H[:, :, :2], H[:, 0, 3] = s.H, s.weight
+        H[:, :, :2], H[:, s.shared, 3] = s.H, s.weight
         F = np.zeros((M, N, N))
         F[:, np.array(s.moving)[:, None], s.driving] = s.A
         F[:, [2, 3], [2, 3]] = self.disturbances.discrete(s.dt)[0]

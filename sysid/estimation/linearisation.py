@@ -82,6 +82,12 @@ class Samples:
         return self._extent.reach
 
     @property
+    def shared(self) -> int:
+        """The channel whose neighbouring readings may share an error: 0, the angle, or 1, the speed, if at most half of
+        the instants have an angle, such as a known start alone."""
+        return int(np.mean(self.weight[:, 0] > 0.0) <= 0.5)
+
+    @property
     def readings(self) -> int:
         """The number of readings."""
         return int(np.count_nonzero(self.weight))
@@ -221,8 +227,9 @@ class LinearisedModel:
         self.ahead = (0, 0)
         H, r = self._readings()
         self.system = LinearSystem(
-            A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.inner_sd, samples.reach
-        )
+            A, gap, H, r, samples.weight[:, samples.shared], samples.follows, samples.dt, model.inner_sd, samples.reach,
+            samples.shared,
+        )  # fmt: skip
         # the first readings of a sensor with memory show what was before the record: the model cannot use them
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 

@@ -188,7 +188,7 @@ class _Limits:
         reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
         widest = np.array([*np.array(settings.widest) * [samples.reach, typical_speed, size], *model.inner_sd])
-        floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
+        floor = np.log([settings.smallest * size, settings.smallest * max(_shared_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 
     def within(self, values: Array) -> Array:
@@ -254,7 +254,7 @@ def relaxation(share: float, before: Array, now: Array) -> float:
 
 def large_disturbances(samples: Samples) -> Disturbances:
     """Disturbances so large that a fit beside them is nearly a regression and finds its way from far off."""
-    return Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
+    return Disturbances(0.3 * level(samples), sigma_o=_shared_sd(samples))
 
 
 def shown_extent(samples: Samples, model: Model) -> Extent:
@@ -263,10 +263,10 @@ def shown_extent(samples: Samples, model: Model) -> Extent:
     return extent._replace(u_max=max(extent.u_max, float(model.inertia()) * level(samples)))
 
 
-def _angle_sd(samples: Samples) -> float:
-    """The sd of the angle's readings; 0 if at most half of the instants have one, such as a known start alone."""
-    weight = samples.weight[:, 0]
-    return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
+def _shared_sd(samples: Samples) -> float:
+    """The sd of the readings whose neighbours may share an error; 0 if there are none."""
+    weight = samples.weight[:, samples.shared]
+    return float(1.0 / np.max(weight)) if np.any(weight) else 0.0
 
 
 def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
