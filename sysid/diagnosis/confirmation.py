@@ -32,6 +32,11 @@ LARGEST_NOISE = 10.0
 """Errors of so many times the noise cannot mean that the noise was given too small: something remains."""
 TELLING = 0.5
 """An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
+RARE = 1.5
+"""Rarity from which an effect has to lower the held-out error by HALVED, and not only by what matters."""
+HALVED = 1.0 - math.sqrt(0.5)
+"""The share that halves the square of the error beyond the noise: a rare effect that explains less of it is likelier a
+part of something unknown."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -148,8 +153,8 @@ class Confirmation:
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
-        An addition is needless if it raises the held-out error, or beside others does not lower it by what matters (a
-        rare one by 1 + rarity times as much, and alone by rarity times); if its size is compatible with 0 or not
+        An addition is needless if it raises the held-out error, or does not lower it by what matters (times its rarity,
+        and beside others by as much again; if it is RARE, by HALVED); if its size is compatible with 0 or not
         determined by the readings; or if no machine has its numbers.
         """
         while self.additions:
@@ -172,9 +177,11 @@ class Confirmation:
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
         """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to."""
         (left,) = (a for a in self.additions if a not in fewer)
-        least = CATALOGUE[left.name].rarity + (1.0 if fewer else 0.0)
-        tolerance = self.search.settings.tolerance * least
-        return not is_lowered(error.ratio, self.fit_with(fewer)[1].ratio, min(tolerance, 1.0))
+        without, least = self.fit_with(fewer)[1].ratio, self.search.settings.tolerance
+        rarity = CATALOGUE[left.name].rarity
+        if rarity < RARE:
+            return not is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
+        return not is_lowered(error.ratio, without, max(least, HALVED)) or error.ratio > (1.0 - least) * without
 
     def _unmask(self) -> None:
         """Take back additions that mask something unknown, and confirm the others anew after each.

@@ -164,9 +164,15 @@ def _best_search(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, Fit]:
     """Search from each first fit, and keep the search whose final fit predicts left-out stretches best. Returned are
-    this search, its base fit and its final fit."""
-    begun = first_fits(Samples(model, records, search_in(records).sensor), model, names)
-    found = [(own, *own.run(model, names, helped)) for helped in begun for own in [search_in(records)]]
+    this search, its base fit and its final fit. If speeds alone were read and something remains, the search runs again
+    with readings that share an error."""
+    found: list[tuple[Search, Fit, Fit]] = []
+    for speeds_share in (False, True):
+        samples = Samples(model, records, search_in(records).sensor, speeds_share)
+        if speeds_share and (not samples.shared or any(end.undisturbed for *_, end in found)):
+            break
+        begun = first_fits(samples, model, names)
+        found += [(own, *own.run(model, names, helped)) for helped in begun for own in [search_in(records)]]
     if len(found) == 1:
         return found[0]
     lead = max(lead_of(end.model) for _, _, end in found)

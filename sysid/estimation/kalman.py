@@ -35,9 +35,9 @@ class LinearSystem:
 
     x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
     The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
-    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of the channel `shared`, 0 for the angle and 1
-    for the speed, whose readings have weight (M,) = 1 / sd. follows (M,) says whether the next instant is of the same
-    record. dt [s]. reach [rad]: a large way for this log.
+    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of one channel, `shared`: 0 for the
+    angle, 1 for the speed; weight (M,) is 1 / sd of its readings. follows (M,) says whether the next instant is of the
+    same record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array

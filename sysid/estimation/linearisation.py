@@ -38,9 +38,11 @@ class Samples:
     y, weight (M, 2)           readings of theta and theta_dot and their 1 / sd, 0 where nothing was read; those at rest
                                are merged (`sysid.data.rests`)
     number, follows (M,)       index of the record; whether the next instant belongs to the same record
+    shared                     channel whose neighbouring readings may share an error (`Disturbances`): 0, the angle; or
+                               if `speeds_share` and most instants have no angle 1, the speed
     """
 
-    def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
+    def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor, speeds_share: bool = False) -> None:
         self.records, self.sensor, self.dt = check_records(model, records), sensor, model.dt
         check_sensor(sensor)
         self._extent = extent_of(self.records, model.plant.turns)
@@ -58,6 +60,7 @@ class Samples:
         read = readings_at_rest_merged(self.records, sensor)
         for record, readings, begin in zip(self.records, read, self.first.tolist(), strict=False):
             self._gather(record, readings, begin)
+        self.shared = int(speeds_share and np.mean(self.weight[:, 0] > 0.0) <= 0.5)
 
     def __len__(self) -> int:
         return len(self.number)
@@ -80,12 +83,6 @@ class Samples:
     def reach(self) -> float:
         """A large way for this log [rad] (`Extent`)."""
         return self._extent.reach
-
-    @property
-    def shared(self) -> int:
-        """The channel whose neighbouring readings may share an error: 0, the angle, or 1, the speed, if at most half of
-        the instants have an angle, such as a known start alone."""
-        return int(np.mean(self.weight[:, 0] > 0.0) <= 0.5)
 
     @property
     def readings(self) -> int:
