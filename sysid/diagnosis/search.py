@@ -255,7 +255,7 @@ class Search:
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score predicts, or at a small size if it is one of several."""
-        score = self.last[name]
+        score = self.last.get(name) or self.first[name]
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
         if any(CATALOGUE[name].begins.values()):
@@ -426,7 +426,7 @@ class Search:
         for addition in list(self.additions):
             present = {e.name for e in now.model.effects}
             for simpler in CATALOGUE[addition.name].refines:
-                new = tuple(n for n in simpler if n not in present and n in self.last)
+                new = tuple(n for n in simpler if n not in present and (n in self.last or n in self.first))
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
                     continue
                 logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
@@ -459,7 +459,8 @@ class Search:
             fields = effect(name).parameters
             known = set(fields) <= set(own)
             numbers = {field: float(own[field].value) for field in fields} if known else {}
-            starts.append(effect(name, **numbers) if known else self._start(now, name, alone=False))
+            begun = effect(name, **numbers) if known else None
+            starts.append(self._start(now, name, alone=False) if begun is None or begun.idle else begun)
             shared |= set(numbers)
         if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:
             return extended(reduced(now, refined), starts, QUICK)

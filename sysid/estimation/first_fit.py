@@ -10,7 +10,7 @@ from sysid.estimation.initial_guess import coasting_guess, initial_guesses, limi
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
-from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_angle_error
+from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
@@ -81,7 +81,7 @@ def with_best_memory(found: Fit) -> Fit:
     slow random torque is likeliest, with parameters that suit the jolts. Cross-validated predictions over a second show
     which parameters are the machine's: another T is taken if they are better by more than their standard error.
     """
-    likely = with_likely_angle_error(found)
+    likely = with_likely_shared_error(found)
     fits = [fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
     best = min(fits, key=lambda own: own.deviance)
     errors = {id(own): left_out_errors(own, WINDOW, BLOCKS) for own in fits}

@@ -31,13 +31,13 @@ SPREAD = (3.0, 30.0)
 class LinearSystem:
     """A linear state-space model of M instants; x is the deviation from the motion that it was linearised about.
 
-        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k o_k e_shared + v_k,   v ~ N(0, I)
+        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k o_k (1, 0) + v_k,   v ~ N(0, I)
 
     x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
     The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
-    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of one channel, `shared`: 0 for the
-    angle, 1 for the speed; weight (M,) is 1 / sd of its readings. follows (M,) says whether the next instant is of the
-    same record. dt [s]. reach [rad]: a large way for this log.
+    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of the channel `shared`: 0, the
+    angle, as written, or 1, the speed; weight (M,) is 1 / sd of its readings. follows (M,) says whether the next
+    instant is of the same record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array

@@ -207,9 +207,16 @@ class Fit:
         )
 
 
-def with_likely_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
-    """The fit's disturbances with the likeliest correlation time T_o [s] of the angle's error among `times`."""
-    return maximum_likelihood(fitted.linearised.system, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
+def with_likely_shared_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
+    """The fit's disturbances with the likeliest correlation time T_o [s] of the readings' shared error among `times`.
+
+    An error of speeds is much like a random torque, which has taken its place: a larger one is tried in its place, too.
+    """
+    now = fitted.disturbances
+    begins = [replace(now, T_o=T_o) for T_o in times]
+    if fitted.samples.shared:
+        begins += [replace(now, s=0.1 * now.s, sigma_o=now.s * min(now.T, T_o), T_o=T_o) for T_o in times]
+    return maximum_likelihood(fitted.linearised.system, begins)
 
 
 def inverse(information: Array) -> Array:

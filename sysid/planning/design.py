@@ -16,7 +16,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
-from sysid.estimation.prediction_error import Fit, with_likely_angle_error
+from sysid.estimation.prediction_error import Fit, with_likely_shared_error
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect
@@ -89,7 +89,7 @@ class Conditions:
             samples = Samples(own.model, own.samples.records, louder.sensor)
             if fit_parameters(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
-        return replace(self, disturbances=with_likely_angle_error(ranked[0]))
+        return replace(self, disturbances=with_likely_shared_error(ranked[0]))
 
     def _with_noise_of(self, found: Fit) -> Conditions:
         """The same with at least the noise that a fit's innovations show without disturbances."""

@@ -19,6 +19,7 @@ from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_of
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.torque_regression import FrictionAlong
+from sysid.physics.effects import CATALOGUE
 
 NAMES = ("coulomb", "tilt", "viscous")
 SUBSETS = tuple(own for size in range(len(NAMES) + 1) for own in combinations(NAMES, size))
@@ -111,6 +112,18 @@ def test_a_rare_effect_alone_has_to_lower_the_error_too(share: float, stays: boo
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
     assert names_of(found.additions) == (("tilt",) if stays else ())
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.75, False), (0.65, True)])
+@pytest.mark.parametrize("friction", [0.5, 1.0])
+def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, share: float, stays: bool) -> None:
+    """Alone, and beside a friction that explains as much or more."""
+    factors = {"tilt": share, "coulomb": friction, "viscous": 1.0}
+    beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
+    with scripted() as patch:
+        patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    assert ("tilt" in names_of(found.additions)) is stays
 
 
 @pytest.mark.parametrize("kept", NAMES)

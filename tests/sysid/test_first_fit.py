@@ -38,7 +38,7 @@ from sysid.estimation.first_fit import (
 from sysid.estimation.initial_guess import _least_inertia, coasting_guess, initial_guess, limited_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
-from sysid.estimation.prediction_error import with_likely_angle_error
+from sysid.estimation.prediction_error import with_likely_shared_error
 from sysid.estimation.scores import scores
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.solver import fit_parameters
@@ -94,7 +94,7 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     samples = Samples(ROBOT, records, SENSOR)
     began = fit_parameters(samples, ROBOT, NAMES)
     chosen = with_best_memory(began)
-    likely = with_likely_angle_error(began)
+    likely = with_likely_shared_error(began)
     others = [fit_parameters(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
     maximum_likelihood = min(others, key=lambda own: own.deviance)
     assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (

@@ -20,8 +20,9 @@ DISTURBANCES = {
     "no d": replace(BOTH, s=0.0),
     "neither": replace(BOTH, s=0.0, sigma_o=0.0),
 }
-READ = ("both channels", "mixed channels", "angle alone", "speed alone", "states inside")
-"""What the readings show: each its own state, a mixture, or one channel; or a model with two states of its own."""
+READ = ("both channels", "mixed channels", "angle alone", "speed alone", "speed alone, with o", "states inside")
+"""What the readings show: each its own state, a mixture, or one channel; or a model with two states of its own. The
+error o is the angle's, or else the speed's."""
 INSIDE = (0.5, 2.0)
 
 
@@ -40,13 +41,14 @@ def system(seed: int, lengths: tuple[int, ...], read: str = "both channels") -> 
     if read == "mixed channels":
         H[:, [0, 1], [1, 0]] = rng.standard_normal((M, 2))
     there = rng.uniform(size=(M, 2)) > 0.2
-    there &= [read != "speed alone", read != "angle alone"]
+    there &= [not read.startswith("speed alone"), read != "angle alone"]
     r = 5.0 * rng.standard_normal((M, 2)) * there
     follows = np.ones(M, dtype=bool)
     follows[np.cumsum(lengths) - 1] = False
-    weight = rng.uniform(2.0, 5.0, M) * there[:, 0]
+    shared = int(read == "speed alone, with o")
+    weight = rng.uniform(2.0, 5.0, M) * there[:, shared]
     gap, own = 0.05 * rng.standard_normal((M, A.shape[1])), INSIDE[: A.shape[1] - 2]
-    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, own)
+    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, own, shared=shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ class Dense:
         for k in range(M):
             own = slice(N * k, N * k + N)
             H[2 * k : 2 * k + 2, own][:, :2] = given.H[k]
-            H[2 * k, N * k + 3] = given.weight[k]
+            H[2 * k + given.shared, N * k + 3] = given.weight[k]
             if k == 0 or not given.follows[k - 1]:
                 Q[own, own] = start
                 continue
