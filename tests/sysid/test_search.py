@@ -307,6 +307,18 @@ def test_a_refinement_whose_own_number_may_be_nothing_is_its_simple_form(monkeyp
     assert [a.name for a in search.additions] == ["coulomb"]
 
 
+def test_a_refinement_is_its_simple_form_too_if_it_was_added_beside_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then the last scores do not hold the simple form, which went when the refinement took all of its friction."""
+    warming = effect("warming_friction", tau_c=0.0, excess=0.1, T=100.0)
+    search = Compared(rubbing(), SENSOR)
+    search.first = scores(base(), FRICTIONS)
+    search.additions = [Addition("warming_friction", (), (), 1e-9)]
+    monkeypatch.setattr(search_module, "is_plausible", lambda *_: False)
+    end = search._simplified(extended(base(), [warming]))
+    assert [a.name for a in search.additions] == ["coulomb"]
+    assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
+
+
 def sized(found: Fit, *sd: float) -> Fit:
     """The same fit with a ripple whose sizes are that many standard deviations."""
     rippled = extended(found, [Ripple(a=1e-4, b=1e-4, order=6.0)])
