@@ -28,7 +28,7 @@ from sysid.physics.ops import Array
 
 CORRELATION_TIME = 0.1
 """Correlation time [s] of d where models are compared, and where the largest d that a log could hide is found."""
-SETTINGS = Settings(angle_error=False)
+SETTINGS = Settings(shared_error=False)
 """Settings without an error of the angle that neighbouring readings share: all that readings show counts as motion."""
 _FLOOR = np.array([-40.0, -40.0])
 _BINS = 24
@@ -246,7 +246,7 @@ def followed(samples: Samples, model: Model) -> Fit:
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
     return fit_parameters(
-        samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, angle_error=False), SETTINGS
+        samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, shared_error=False), SETTINGS
     )
 
 
@@ -289,7 +289,7 @@ def needed_disturbances(base: Fit) -> Disturbances:
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     likely = base.linearised.system.filter(prior)
     for _ in range(6):
-        before, likely = likely, likelihood_ascent(likely, _FLOOR, angle_error=False)
+        before, likely = likely, likelihood_ascent(likely, _FLOOR, shared_error=False)
         if likely is before:
             break
     return likely.disturbances

@@ -19,8 +19,8 @@ class SearchSettings:
 
     price          decrease of the deviance (-2 log likelihood) that an effect has to bring for each of its numbers:
                    noise alone brings more than 3 in 1 of 12 logs
-    tolerance      an effect matters if it lowers the error of predictions by this share; to stay beside others, one has
-                   to lower the held-out error by 1 + rarity times as much, and alone by rarity times as much
+    tolerance      an effect matters if it lowers the error of predictions by this share; to stay, a rare one has to
+                   lower the held-out error by more (`Confirmation`)
     noise_share    smallest change of predictions that matters, in units of the sensor noise
     horizon        how far ahead [s] predictions have to be right, at most as far as is `foreseeable` and as the longest
                    held-out record; None: as far as they tell of the machine (`telling_horizon`)

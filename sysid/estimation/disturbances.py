@@ -18,8 +18,9 @@ class Disturbances:
     """Two stationary Gaussian processes that a model does not explain.
 
         d:  random acceleration [rad/s^2], sd s, correlation time T [s]; times the inertia it is the random torque
-        o:  error of the angle reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
-            rounding at slow speed, stamps that jitter, a vibration of the structure
+        o:  error of the angle's reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
+            rounding at slow speed, stamps that jitter, a vibration of the structure. Where speeds alone are read it may
+            be the speed's [rad/s], averaged over turns of an encoder, say (`Samples.shared`)
 
     Both are Ornstein-Uhlenbeck processes, x(t + dt) = exp(-dt / T) x(t) + w. Since d accumulates in the motion and o
     does not, d explains slow errors and o fast ones. With s = sigma_o = 0 a fit is that of output error.

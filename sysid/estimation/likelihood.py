@@ -22,16 +22,16 @@ SIGMA_99 = 2.5758
 """Standard deviations on either side within which 99 % of a Gaussian lie."""
 
 
-def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
+def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> Filter:
     """One Newton step of (log s, log sigma_o) that makes the log likelier about the same motion; `now` if none does.
 
-    Without `angle_error` only log s moves. Slope and curvature are finite differences over a factor of 1.35, a change
+    Without `shared_error` only log s moves. Slope and curvature are finite differences over a factor of 1.35, a change
     that a log cannot see; where the curvature is negative, the step follows the slope. A step is at most a factor of e,
     or e^2 if that is better still; then the step of log s is doubled for as long as this helps. Where s hardly matters,
     the deviance grows with s^2, and s = 0 would gain half the slope: if that is little, s = 0 is tried too.
     """
     h, sizes = 0.3, np.log(np.maximum([now.disturbances.s, now.disturbances.sigma_o], 1e-300))  # below any floor at 0
-    free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
+    free = [i for i in range(1 + shared_error) if sizes[i] > floor[i]]
     if not free or not math.isfinite(now.deviance):
         return now
 
@@ -64,12 +64,12 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     return min(trials, key=lambda own: own.deviance)
 
 
-def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
+def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], shared_error: bool = True) -> Disturbances:
     """The likeliest of several disturbances about the same motion, after up to three Newton steps of the sizes of each;
     those that are hopeless beside others are given up earlier."""
     floor, trials = np.array([-40.0, -40.0]), [system.filter(begun) for begun in begins]
     for _ in range(3):
-        trials = [likelihood_ascent(own, floor, angle_error) for own in trials]
+        trials = [likelihood_ascent(own, floor, shared_error) for own in trials]
         best = min(trials, key=lambda own: own.deviance)
         trials = [own for own in trials if own.deviance <= best.deviance + HOPELESS]
     return best.disturbances

@@ -188,7 +188,8 @@ class Fit:
         if torque.s:
             status = f"{status}; the model lacks something: a random torque acts beside it"
         elif torque.sigma_o:
-            status = f"{status}; neighbouring readings of the angle share an error beside their noise"
+            channel = ("angle", "speed")[samples.shared]
+            status = f"{status}; neighbouring readings of the {channel} share an error beside their noise"
         if lost:
             status = f"{status}; yet the records do not determine {', '.join(lost)}"
         return Estimate(

@@ -28,7 +28,7 @@ class Settings:
     settled      a fit has converged after a step shorter than this that changes the deviance by less than `negligible`
     negligible   change of the deviance (-2 log likelihood) that no statistic would notice
     sizes        whether the sizes of the disturbances are fitted; otherwise they stay
-    angle_error  whether sigma_o, the size of the angle's coloured error, is fitted too
+    shared_error whether sigma_o, the size of the readings' shared error, is fitted too
     vague        prior sd of a number of the plant, as a share of that number: where a random torque explains all, the
                  readings say nothing of an inertia, and it would run away
     torque       prior sd of an effect's torque, as a multiple of the largest torque that the log shows
@@ -53,7 +53,7 @@ class Settings:
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
-    angle_error: bool = True
+    shared_error: bool = True
     vague: float = 1.0
     torque: float = 10.0
 
@@ -66,7 +66,7 @@ CALM = 8
 """A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
 STILL = 4
 """A fit has ended after so many settled steps in a row, although the deviance may still change where a joint sticks."""
-QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
+QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, shared_error=False)
 """Settings for a candidate that is only compared with others."""
 
 
@@ -100,7 +100,7 @@ def fit_parameters(
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
-            likelier = likelihood_ascent(here, limits.floor, settings.angle_error)
+            likelier = likelihood_ascent(here, limits.floor, settings.shared_error)
             restless = here.deviance - likelier.deviance > settings.negligible
             here, disturbances = likelier, likelier.disturbances
         if best is not None and not math.isfinite(here.deviance):

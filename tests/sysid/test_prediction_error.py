@@ -34,7 +34,7 @@ TRUTH = np.array([0.3, 2.0, 0.07])
 AFAR = JOINT.with_parameters({"J": 0.4, "G": 1.5, "viscous.b": 0.02})
 NONE = Disturbances(0.0)
 HELD = Settings(sizes=False)
-QUIET = Settings(angle_error=False)
+QUIET = Settings(shared_error=False)
 
 
 def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tuple[list[list[Record]], np.ndarray]:

@@ -28,7 +28,7 @@ from tests.sysid.planted import DT, JOINT, NAMES, SENSOR, Unknown, accelerated
 DRY = Model(GeneralJoint(J=0.3, G=2.0), (effect("coulomb", tau_c=0.15),), RK4(substeps=2), DT)
 DRY_NAMES = ("J", "G", "coulomb.tau_c")
 DRY_TRUTH = np.array([0.3, 2.0, 0.15])
-QUIET = Settings(angle_error=False)
+QUIET = Settings(shared_error=False)
 
 
 def logs(*given: Any, **more: Any) -> list[Record]:
