@@ -208,7 +208,8 @@ class Confirmation:
             if not math.isfinite(its_error.ratio):  # without it the model runs away
                 continue
             without = self.torque(fewer).after
-            more = torque.after > (1.0 + self.search.settings.tolerance) * without
+            # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
+            more = torque.after > (1.0 + self.search.settings.tolerance) * without and not end.samples.shared
             worse = more and not is_lowered(error.ratio, its_error.ratio, TELLING)
             if worse or self._hides(addition, end, error, torque, fewer):
                 return addition

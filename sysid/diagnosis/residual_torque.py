@@ -285,9 +285,12 @@ def _root_mean_square(values: Array) -> float:
 
 
 def needed_disturbances(base: Fit) -> Disturbances:
-    """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME."""
-    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
-    likely = base.linearised.system.filter(prior)
+    """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME and no error that readings share.
+
+    It begins large if such an error took the torque's place in the fit, else at the fit's own.
+    """
+    least = level(base.samples) if base.samples.shared else 1e-3 * float(np.std(base.samples.smoothed[:, 1]))
+    likely = base.linearised.system.filter(Disturbances(max(base.disturbances.s, least), CORRELATION_TIME))
     for _ in range(6):
         before, likely = likely, likelihood_ascent(likely, _FLOOR, shared_error=False)
         if likely is before:
