@@ -209,7 +209,8 @@ class Confirmation:
                 continue
             without = self.torque(fewer).after
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
-            more = torque.after > (1.0 + self.search.settings.tolerance) * without and not end.samples.shared
+            comparable = not self.base.samples.shared
+            more = comparable and torque.after > (1.0 + self.search.settings.tolerance) * without
             worse = more and not is_lowered(error.ratio, its_error.ratio, TELLING)
             if worse or self._hides(addition, end, error, torque, fewer):
                 return addition

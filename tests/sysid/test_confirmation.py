@@ -29,6 +29,12 @@ def _torque(after: float, drive: float = 10.0) -> MissingTorque:
     return MissingTorque(drive, 1.0, after)
 
 
+class Base(tuple[str, ...]):
+    """The base of a script: no additions, and samples whose speeds share no error."""
+
+    samples = SimpleNamespace(shared=0)
+
+
 class Scripted(Confirmation):
     """A confirmation of three stages, whose errors, and which of its additions hide something, are given."""
 
@@ -37,7 +43,7 @@ class Scripted(Confirmation):
         additions = tuple(SimpleNamespace(name=name) for name in NAMES)
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
         search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=())
-        super().__init__(search, cast(Any, ()), (), ())
+        super().__init__(search, cast(Any, Base()), (), ())
 
     def error(self, fit: Any) -> Any:
         return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
@@ -93,6 +99,15 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
         patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
     assert names_of(found.additions) == (("coulomb",) if stays else ())
+
+
+def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
+    fewer = {own: 10.0 * (0.9 if "coulomb" in own else 1.0) for own in SUBSETS}
+    with scripted() as patch:
+        patch.setattr(Base, "samples", SimpleNamespace(shared=1))
+        patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
+        found = Scripted(fewer, frozenset())
+    assert names_of(found.additions) == ("coulomb",)
 
 
 @pytest.mark.parametrize(("small", "stays"), [("coulomb", True), ("viscous", True), ("tilt", False)])
