@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import sysid
 from sysid import RK4, Effect, GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose, effect, simulate
@@ -18,7 +19,7 @@ from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import Fit, inverse
+from sysid.estimation.prediction_error import Fit, inverse, with_likely_shared_error
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.effects import Joint
 from sysid.physics.ops import Value
@@ -87,6 +88,23 @@ def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought(
     assert np.all(np.mean(wider, axis=0)[1:] > 1.3), "gravity and friction are what a slow torque imitates"
     assert np.mean(np.abs(z) < 1.96) > covers
     assert np.mean(np.abs(np.array(z) * wider) < 1.96) < alone, "without it they would not cover"
+
+
+def test_an_error_that_speeds_share_is_told_from_a_random_torque() -> None:
+    """Of a wheel that coasts from 95 rad/s, whose readings share an error of 0.5 rad/s over a fifth of a second."""
+    wheel = Model(GeneralJoint(J=0.1, G=0.0), (effect("coulomb", tau_c=0.04), effect("drag", c=4e-5)), RK4(2), 0.05)
+    coast, kept, z = simulate(wheel, np.zeros(1200), 0.0, 95.0), np.exp(-0.05 / 0.2), []
+    names, truth = ("coulomb.tau_c", "drag.c"), np.array([0.04, 4e-5])
+    for rng in map(np.random.default_rng, range(4)):
+        steps = 0.5 * np.sqrt(1.0 - kept**2) * rng.standard_normal(1201)
+        error = lfilter([1.0], [1.0, -kept], steps)
+        record = Record(t=coast.t, u=coast.u, theta_dot=coast.theta_dot + error + 0.05 * rng.standard_normal(1201))
+        samples = Samples(wheel, [record], Sensor(theta_dot=0.05), speeds_share=True)
+        beside = fit_parameters(samples, wheel, names)
+        found = fit_parameters(samples, wheel, names, beside, with_likely_shared_error(beside, (0.2,)))
+        assert found.disturbances.sigma_o == pytest.approx(0.5, rel=0.2) and found.disturbances.s < 0.1
+        z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
+    assert np.mean(np.square(z)) < 3.0
 
 
 @pytest.mark.parametrize("T", [0.01, 0.03, 0.1, 0.3, 1.0])
