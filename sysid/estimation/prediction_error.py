@@ -137,7 +137,8 @@ class Fit:
             return np.ones(len(self.names))
         size = np.linalg.norm(self.Z, axis=0)
         Z, e = self.Z / size, self.e
-        moved = [np.linalg.solve(Z.T @ Z - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
+        N = Z.T @ Z
+        moved = [np.linalg.solve(N - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
         scatter: Array = np.sum(np.square(moved), axis=0) / np.diag(self.likelihood_covariance)
         return scatter
 
