@@ -158,7 +158,7 @@ class DiagnoseCommand(EndsInModel):
     """What matters: an effect is added where it lowers the error of predictions by this share."""
 
     horizon: Annotated[
-        float | None, arg(metavar="S", help_behavior_hint="(default: 1, or five periods of a free swing)")
+        float | None, arg(metavar="S", help_behavior_hint="(default: 1; of a free swing, until it has halved)")
     ] = None
     """How far ahead [s] predictions have to be right: shorter for what shakes (and by itself for what balances),
     longer for what decays slowly."""

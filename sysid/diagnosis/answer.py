@@ -29,6 +29,7 @@ SCHEMA = "gapfinder/diagnosis/1"
 TOLD = (
     *("verdict", "sentence", "doubts", "steps", "conventions", "ranking", "remaining", "not_identifiable", "ruled_out"),
     *("held_out", "torque", "tolerance", "negligible", "unconfirmed", "next_experiment", "seconds"),
+    "shared_error",
 )
 """What plain data tell of a diagnosis under its own names."""
 MOST_SHOWN = 12_000
@@ -148,7 +149,7 @@ class Diagnosis:
     ruled_out : dict
         {effect: size}: an effect above that size would have been found.
     sensor : Sensor
-        The noise in whose units errors are given.
+        The noise in whose units errors are given; it includes the `shared_error`.
     records, unseen : tuple of Record
         The whole log, and the part that no fit has seen.
     estimate : Estimate
@@ -328,7 +329,20 @@ class Diagnosis:
             remarks.append(f"left out, since the held-out data or what remains speak against it: {left_out}")
         if self.contacts:
             remarks.append(f"no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
+        if self.shared_error:
+            what, unit = quantity("theta", self.error.units), self.error.units["theta"]
+            shared = f"an error of {self.shared_error:.2g} {unit}"
+            remarks.append(f"neighbouring readings of the {what} share {shared}, which counts as the sensor's")
         return tuple(remarks)
+
+    @property
+    def shared_error(self) -> float:
+        """The sd of the error of the angle that neighbouring readings share, as far as it counts as the sensor's: what
+        the noise of `sensor` has more than that of the estimate's."""
+        alone = self.estimate.sensor
+        if alone is None or alone.theta is None or self.sensor.theta is None:
+            return 0.0
+        return math.sqrt(max(self.sensor.theta**2 - alone.theta**2, 0.0))
 
     def _share(self) -> str:
         """The share of the missing torque that the steps explain, with its size, in words; empty if it is 0."""

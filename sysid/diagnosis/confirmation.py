@@ -10,13 +10,14 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, squared_size
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
-from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
@@ -65,6 +66,7 @@ class Confirmation:
     base         fit of the model as it came
     held_out     records that no fit has seen
     contacts     stretches that a hand may have touched; if there are any, what remains depends on time
+    sensor       the noise in whose units errors are given (`widened_sensor`)
     additions    those that stay; unconfirmed: the names of those that were taken back
     errors       names of additions -> the fit with these alone, and its held-out error
     fitted       fit -> its error on the samples that were fitted; torques: fit -> the torque that it leaves missing
@@ -75,6 +77,7 @@ class Confirmation:
     base: Fit
     held_out: Sequence[Record]
     contacts: tuple[Contact, ...]
+    sensor: Sensor
     additions: list[Addition] = field(init=False, default_factory=list)
     unconfirmed: list[str] = field(init=False, default_factory=list)
     errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(init=False, default_factory=dict)
@@ -92,11 +95,12 @@ class Confirmation:
     @cached_property
     def needed(self) -> Disturbances:
         """The random torque that the model as it came needs; all models are compared under it."""
-        return needed_disturbances(self.base)
+        shared = NONE if self.sensor == self.search.sensor else self.search.end(self.base).likeliest_torque
+        return needed_disturbances(self.base, shared)
 
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
-        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.ahead)
+        return held_out_error(fit.model, self.held_out, self.sensor, self.search.settings.ahead)
 
     def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
         """The fit with these additions alone, and its error."""
@@ -133,7 +137,7 @@ class Confirmation:
     def fitted_error(self, end: Fit) -> float:
         """The error of predictions of the fitted samples; it is kept, since it is needed several times."""
         if end not in self.fitted:
-            self.fitted[end] = fitted_error(end, self.search.settings.ahead)
+            self.fitted[end] = fitted_error(end, self.search.settings.ahead, self.sensor)
         return self.fitted[end]
 
     def _confirm(self) -> None:
@@ -175,10 +179,14 @@ class Confirmation:
             self.additions = [a for a in self.additions if a is not nothing[0]]
 
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
-        """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to."""
+        """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to. If nothing
+        remains with it, and something without it, it need not lower that error."""
         (left,) = (a for a in self.additions if a not in fewer)
-        without, least = self.fit_with(fewer)[1].ratio, self.search.settings.tolerance
+        poorer, its_error = self.fit_with(fewer)
+        without, least = its_error.ratio, self.search.settings.tolerance
         rarity = CATALOGUE[left.name].rarity
+        if not self._remains(self.fit_with(self.additions)[0]) and self._remains(poorer):
+            return not is_lowered(error.ratio, without, 0.0)
         if rarity < RARE:
             return not is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
         return not is_lowered(error.ratio, without, max(least, HALVED)) or error.ratio > (1.0 - least) * without
@@ -275,7 +283,9 @@ class Confirmation:
     def _remains(self, end: Fit) -> bool:
         """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
         errors are larger than any noise could be."""
-        beyond = not self.fitted_error(end) ** 2 < 1.0 + self.search.settings.enough**2
+        settings, known = self.search.settings, self.sensor == self.search.sensor
+        limit = math.sqrt(1.0 + settings.enough**2) if known else settings.worse  # a shared error is known roughly
+        beyond = not self.fitted_error(end) < limit
         return beyond and not (end.undisturbed and self.fitted_error(end) < LARGEST_NOISE)
 
     def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:

@@ -34,7 +34,7 @@ from sysid.estimation.held_out import held_out_error, lead_of
 from sysid.estimation.initial_guess import initial_guess, shown_ratios
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import foreseeable, telling_horizon
+from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.estimation.torque_regression import frees_gravity
@@ -128,8 +128,10 @@ def diagnose(
     ahead = min(asked, longest, _foreseeable(model, names, training, sensor))
     settings = replace(settings, horizon=max(ahead, SHORTEST_HORIZON))
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
-    held_out, more = _untouched(search, base, held_out)
-    confirmed = Confirmation(search, base, held_out, (*contacts, *more))
+    end = search.end(base)
+    widened = widened_sensor(end, settings.ahead)
+    held_out, more = _untouched(end, held_out, widened, settings.ahead)
+    confirmed = Confirmation(search, base, held_out, (*contacts, *more), widened)
     return _Report(confirmed, records, notes).diagnosis(began)
 
 
@@ -151,7 +153,7 @@ def _searched(
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
         perhaps = restarts_left and not end.undisturbed
-        missing = missing_torque(end, needed_disturbances(base)) if perhaps else None
+        missing = missing_torque(end, needed_disturbances(base, end.disturbances)) if perhaps else None
         found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
         rest = _without(found, records)
         if rest is None:
@@ -180,14 +182,13 @@ def _best_search(
 
 
 def _untouched(
-    search: Search, base: Fit, held_out: tuple[Record, ...]
+    end: Fit, held_out: tuple[Record, ...], sensor: Sensor, ahead: float
 ) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
     """The held-out records without contacts, which no model can predict, and these contacts."""
-    end = search.stages[-1][1] if search.stages else base
-    if not held_out_error(end.model, held_out, search.sensor, search.settings.ahead).beyond_noise:
+    if not held_out_error(end.model, held_out, sensor, ahead).beyond_noise:
         return held_out, ()
     try:
-        torque = residual_torque(end.model, (*search.records, *held_out), search.sensor)
+        torque = residual_torque(end.model, (*end.samples.records, *held_out), sensor)
     except InvalidInput:  # the model runs away from what it has not seen
         return held_out, ()
     names = {r.name for r in held_out}
@@ -243,7 +244,7 @@ class _Report:
             remaining=remaining,
             not_identifiable=self._not_identifiable(end),
             ruled_out=self._ruled_out(),
-            sensor=self.search.sensor,
+            sensor=self.confirmed.sensor,
             records=self.records,
             unseen=tuple(self.confirmed.held_out),
             notes=self.notes,

@@ -17,7 +17,7 @@ from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, 
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import MEMORIES, Disturbances
+from sysid.estimation.disturbances import MEMORIES, NONE, Disturbances
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import SIGMA_99, likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
@@ -284,13 +284,15 @@ def _root_mean_square(values: Array) -> float:
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
-def needed_disturbances(base: Fit) -> Disturbances:
-    """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME and no error that readings share.
+def needed_disturbances(base: Fit, beside: Disturbances = NONE) -> Disturbances:
+    """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME and the error that readings share
+    in `beside`, by default none.
 
     It begins large if such an error took the torque's place in the fit, else at the fit's own.
     """
     least = level(base.samples) if base.samples.shared else 1e-3 * float(np.std(base.samples.smoothed[:, 1]))
-    likely = base.linearised.system.filter(Disturbances(max(base.disturbances.s, least), CORRELATION_TIME))
+    begun = replace(beside, s=max(base.disturbances.s, least), T=CORRELATION_TIME)
+    likely = base.linearised.system.filter(begun)
     for _ in range(6):
         before, likely = likely, likelihood_ascent(likely, _FLOOR, shared_error=False)
         if likely is before:

@@ -129,6 +129,10 @@ class Search:
             self.last = scores(now, self.effects)
         return base, now
 
+    def end(self, base: Fit) -> Fit:
+        """The fit at which the search ended: `base` if nothing was added."""
+        return self.stages[-1][1] if self.stages else base
+
     # candidates ----------------------------------------------------------------------------------------------
 
     def _trials(self, now: Fit) -> list[Trial]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import HEAD, Refit, lead_of, refit_windows
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.windows import Window, cut
@@ -19,8 +20,8 @@ WINDOW, BLOCKS = 1.0, 8
 """Horizon [s] of a prediction, and number of stretches of a log that are left out in turn."""
 SHORTEST = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
-PERIODS = 5
-"""Periods of a free swing over which it is predicted, if the record shows so many."""
+PERIODS, MOST_PERIODS = 5, 20
+"""Fewest and most periods of a free swing over which it is predicted, if the record shows the fewest."""
 SURELY = 2.0
 """Standard errors from zero at which the mean gain over the windows is sure."""
 RUNS_AWAY = 1e3
@@ -62,8 +63,8 @@ class PredictionErrors:
 
 
 def telling_horizon(records: Sequence[Record]) -> float:
-    """How far ahead [s] predictions should look: a second, or five periods of a free swing. A shorter prediction of a
-    swing shows its period, but not its losses."""
+    """How far ahead [s] predictions should look: a second, or for a free swing until its amplitude has halved, 5 to 20
+    periods. A shorter prediction of a swing shows its period, but not its losses."""
     longest = max(records, key=len)
     read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
     if read is None or any(np.any(r.u) for r in records):
@@ -72,7 +73,12 @@ def telling_horizon(records: Sequence[Record]) -> float:
     motion = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
     periods = int(np.argmax(np.abs(np.fft.rfft(motion - np.mean(motion)))))
     seconds = len(longest) * longest.dt
-    return max(WINDOW, float(f"{PERIODS * seconds / periods:.2g}")) if periods >= PERIODS else WINDOW
+    if periods < PERIODS:
+        return WINDOW
+    period, sizes = seconds / periods, [np.std(part) for part in np.array_split(motion - np.mean(motion), periods // 2)]
+    rate = -np.polyfit(np.arange(len(sizes)), np.log(np.maximum(sizes, 1e-300)), 1)[0] * len(sizes) / seconds
+    halved = math.log(2.0) / max(rate, 1e-9)
+    return max(WINDOW, float(f"{np.clip(halved, PERIODS * period, MOST_PERIODS * period):.2g}"))
 
 
 def foreseeable(model: Model, records: Sequence[Record]) -> float:
@@ -116,11 +122,37 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def fitted_error(fit: Fit, seconds: float) -> float:
+def fitted_error(fit: Fit, seconds: float, sensor: Sensor) -> float:
     """The RMS error of predictions of the samples that were fitted, in units of the sensor noise."""
-    samples = fit.samples
-    refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
+    refitted = refit_windows(fit.model, fit.samples.records, sensor, windows_of(fit, seconds))
     return PredictionErrors(*_squares(refitted)).ratio
+
+
+def widened_sensor(fit: Fit, seconds: float) -> Sensor:
+    """The sensor, with the angle's noise widened by the error that its neighbouring readings share, if a free swing
+    needs that error and no random torque: what is left is the sensor's then, of a film, say. (An error of the speed may
+    well be a torque, and in a driven motion what the drive lacks.)
+
+        sd^2 = noise^2 + sigma_o^2 tr((1 - P) C) / tr(1 - P),   C the correlations of the error
+
+    P projects on what the refitted states of windows of that many seconds absorb: nearly all of a slow error. The
+    expected error of predictions is 1 in units of the widened noise.
+    """
+    samples, likely = fit.samples, fit.likeliest_torque
+    noise = samples.sensor.theta
+    driven = any(np.any(r.u) for r in samples.records)
+    if driven or samples.shared or noise is None or likely.s or not likely.sigma_o:
+        return samples.sensor
+    from scipy.signal import lfilter
+
+    refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
+    weight = refitted.response.weight[:, 0]
+    absorbed = refitted.basis.reshape(len(weight), 2, -1, 2)[:, 0] * weight[..., None]
+    kept = math.exp(-samples.dt / likely.T_o)
+    earlier = lfilter([0.0, kept], [1.0, -kept], absorbed, axis=1)
+    whole, alone = float(np.sum(weight**2)), float(np.sum(absorbed**2))
+    share = (whole - alone - 2.0 * float(np.sum(absorbed * earlier))) / (whole - alone)
+    return replace(samples.sensor, theta=math.hypot(noise, likely.sigma_o * math.sqrt(max(share, 0.0))))
 
 
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:

@@ -171,7 +171,7 @@ class Fit:
             return NONE
         system = self.linearised.system
         found = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in MEMORIES))
-        still = replace(found, s=0.0)
+        still = maximum_likelihood(system, [replace(found, s=0.0)])
         needed = system.filter(still).deviance - system.filter(found).deviance >= NUMBERS_GAIN
         return found if needed else still
 
@@ -212,10 +212,11 @@ class Fit:
 def with_likely_shared_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
     """The fit's disturbances with the likeliest correlation time T_o [s] of the readings' shared error among `times`.
 
-    An error of speeds is much like a random torque, which has taken its place: a larger one is tried in its place, too.
+    Each begins as large as lets neighbouring readings differ as much as now. An error of speeds is much like a random
+    torque, which has taken its place: a larger one is tried in its place, too.
     """
     now = fitted.disturbances
-    begins = [replace(now, T_o=T_o) for T_o in times]
+    begins = [replace(now, sigma_o=now.sigma_o * math.sqrt(T_o / now.T_o), T_o=T_o) for T_o in times]
     if fitted.samples.shared:
         begins += [replace(now, s=0.1 * now.s, sigma_o=now.s * min(now.T, T_o), T_o=T_o) for T_o in times]
     return maximum_likelihood(fitted.linearised.system, begins)

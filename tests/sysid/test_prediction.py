@@ -65,17 +65,19 @@ def test_upright_an_error_grows_as_foreseen_and_hanging_it_does_not() -> None:
     assert foreseeable(plain, [replace(upright, theta=None, theta_dot=np.zeros(41))]) == math.inf
 
 
-def swing(frequency: float, seconds: float, torque: float = 0.0, **changed: None) -> Record:
-    """A swing that decays, of so many hertz."""
+def swing(frequency: float, seconds: float, torque: float = 0.0, rate: float = 0.15, **changed: None) -> Record:
+    """A swing of so many hertz that decays at a rate [1/s]."""
     t = np.arange(round(seconds / 0.02) + 1) * 0.02
-    theta = math.pi + 0.3 * np.exp(-0.05 * t) * np.cos(2.0 * math.pi * frequency * t)
+    theta = math.pi + 0.3 * np.exp(-rate * t) * np.cos(2.0 * math.pi * frequency * t)
     return replace(Record(t, np.full(len(t) - 1, torque), theta, np.gradient(theta, 0.02)), **changed)
 
 
 @pytest.mark.parametrize("changed", [{}, {"theta_dot": None}, {"theta": None}])
-def test_a_free_swing_is_predicted_over_five_periods(changed: dict[str, None]) -> None:
-    assert telling_horizon([swing(0.5, 30.0, **changed)]) == pytest.approx(10.0, rel=0.05)
-    assert telling_horizon([swing(8.0, 30.0, **changed)]) == WINDOW, "which are less than a second"
+def test_a_free_swing_is_predicted_until_its_amplitude_has_halved(changed: dict[str, None]) -> None:
+    assert telling_horizon([swing(0.5, 30.0, **changed)]) == pytest.approx(10.0, rel=0.05), "at least five periods"
+    assert telling_horizon([swing(0.5, 30.0, rate=0.05, **changed)]) == pytest.approx(math.log(2.0) / 0.05, rel=0.05)
+    assert telling_horizon([swing(0.5, 90.0, rate=0.01, **changed)]) == pytest.approx(40.0, rel=0.05), "at most twenty"
+    assert telling_horizon([swing(8.0, 30.0, rate=1.0, **changed)]) == WINDOW, "five are less than a second"
     assert telling_horizon([swing(0.5, 8.0, **changed)]) == WINDOW, "which it does not show"
     assert telling_horizon([swing(0.5, 30.0, **changed), swing(0.5, 30.0, 0.1, **changed)]) == WINDOW, "which is driven"
 
