@@ -1,9 +1,6 @@
-"""The documentation is true: its blocks run and print what the pages show, and it builds without a warning."""
+"""The documentation is true: its blocks run and print what the pages show (that it builds, `make docs` tests)."""
 
-import importlib.util
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -133,24 +130,6 @@ def test_counts_of_real_logs_are_those_of_the_rows():
     told = f"in {right} of them, and but for a small thing in {nearly}; it was `unknown` in {silent}, and a number or"
     readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     assert f"Before {every} other public logs" in readme and f"{told} an effect was wrong in {wrong}." in readme
-
-
-@pytest.mark.long
-def test_the_build_gives_no_warning(tmp_path):
-    for module in ("sphinx", "furo", "myst_parser", "numpydoc"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: pip install -e '.[docs]'")
-    command = ["-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
-    done = subprocess.run(
-        [sys.executable, *command, str(DOCS), str(tmp_path / "html")],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "html" / "index.html").is_file()
 
 
 def test_readme_is_short():
