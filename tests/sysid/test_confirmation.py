@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sysid.data.sensor import Sensor
 from sysid.diagnosis import confirmation
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_of
@@ -43,7 +44,7 @@ class Scripted(Confirmation):
         additions = tuple(SimpleNamespace(name=name) for name in NAMES)
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
         search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=())
-        super().__init__(search, cast(Any, Base()), (), ())
+        super().__init__(search, cast(Any, Base()), (), (), Sensor(theta=1.0))
 
     def error(self, fit: Any) -> Any:
         return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
@@ -56,6 +57,9 @@ class Scripted(Confirmation):
 
     def _friction_along(self) -> FrictionAlong | None:
         return None
+
+    def _remains(self, end: Any) -> bool:
+        return True
 
     def _hides(self, addition: Any, *_: Any) -> bool:
         return addition.name in self.hiding
@@ -139,6 +143,15 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
         patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
     assert ("tilt" in names_of(found.additions)) is stays
+
+
+def test_with_which_nothing_remains_a_rare_effect_need_not_lower_the_held_out_error() -> None:
+    with scripted() as patch:
+        patch.setattr(Scripted, "_remains", lambda _, end: "tilt" not in end)
+        found = Scripted({own: 2.0 for own in SUBSETS}, frozenset())
+        assert names_of(found.additions) == ("tilt",)
+        raised = Scripted({own: 2.01 if "tilt" in own else 2.0 for own in SUBSETS}, frozenset())
+    assert "tilt" not in names_of(raised.additions)
 
 
 @pytest.mark.parametrize("kept", NAMES)
