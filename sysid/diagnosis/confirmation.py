@@ -92,10 +92,15 @@ class Confirmation:
         self._reconsider()
         self._weigh_friction()
 
+    @property
+    def widened(self) -> bool:
+        """Whether an error that neighbouring readings share counts as the sensor's."""
+        return self.sensor != self.search.sensor
+
     @cached_property
     def needed(self) -> Disturbances:
         """The random torque that the model as it came needs; all models are compared under it."""
-        shared = NONE if self.sensor == self.search.sensor else self.search.end(self.base).likeliest_torque
+        shared = self.search.end(self.base).likeliest_torque if self.widened else NONE
         return needed_disturbances(self.base, shared)
 
     def error(self, fit: Fit) -> HeldOutError:
@@ -180,13 +185,17 @@ class Confirmation:
 
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
         """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to. If nothing
-        remains with it, and something without it, it need not lower that error."""
+        remains with it, and something without it, it need not lower that error. If nothing remains without it beside an
+        error that readings share, a rare one is needless: it is likelier a part of that error."""
         (left,) = (a for a in self.additions if a not in fewer)
         poorer, its_error = self.fit_with(fewer)
         without, least = its_error.ratio, self.search.settings.tolerance
         rarity = CATALOGUE[left.name].rarity
-        if not self._remains(self.fit_with(self.additions)[0]) and self._remains(poorer):
+        remains = self._remains(poorer)
+        if remains and not self._remains(self.fit_with(self.additions)[0]):
             return not is_lowered(error.ratio, without, 0.0)
+        if rarity >= RARE and self.widened and not remains:
+            return True
         if rarity < RARE:
             return not is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
         return not is_lowered(error.ratio, without, max(least, HALVED)) or error.ratio > (1.0 - least) * without
@@ -283,8 +292,9 @@ class Confirmation:
     def _remains(self, end: Fit) -> bool:
         """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
         errors are larger than any noise could be."""
-        settings, known = self.search.settings, self.sensor == self.search.sensor
-        limit = math.sqrt(1.0 + settings.enough**2) if known else settings.worse  # a shared error is known roughly
+        settings = self.search.settings
+        # a shared error is known roughly
+        limit = settings.worse if self.widened else math.sqrt(1.0 + settings.enough**2)
         beyond = not self.fitted_error(end) < limit
         return beyond and not (end.undisturbed and self.fitted_error(end) < LARGEST_NOISE)
 

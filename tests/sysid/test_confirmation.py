@@ -43,8 +43,9 @@ class Scripted(Confirmation):
         self.ratios, self.hiding = ratios, hiding
         additions = tuple(SimpleNamespace(name=name) for name in NAMES)
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
-        search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=())
-        super().__init__(search, cast(Any, Base()), (), (), Sensor(theta=1.0))
+        sensor = Sensor(theta=1.0)
+        search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=(), sensor=sensor)
+        super().__init__(search, cast(Any, Base()), (), (), sensor)
 
     def error(self, fit: Any) -> Any:
         return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])

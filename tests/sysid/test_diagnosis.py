@@ -197,7 +197,8 @@ def test_a_constant_torque_is_named_beside_a_torque_that_nothing_explains() -> N
 
 
 def test_the_friction_of_a_free_swing_is_named_relative_to_the_inertia_of_the_model() -> None:
-    """Also where the angle is read a little wrong, which no flexible transmission explains."""
+    """Also where the angle is read a little wrong, which counts as the sensor's error, and is no flexible transmission
+    and no spring."""
     rng, dt = np.random.default_rng(0), 0.02
     swing = simulate(Model(GeneralJoint(J=0.1, G=2.2), (Viscous(b=0.002),), dt=dt), np.zeros(2000), math.pi + 0.8, 0.0)
     x = swing.theta - math.pi
@@ -206,7 +207,7 @@ def test_the_friction_of_a_free_swing_is_named_relative_to_the_inertia_of_the_mo
         found = diagnose(Model(GeneralJoint(J=0.1, G=2.0), dt=dt), [Record(swing.t, swing.u, read)])
         assert [s.effect for s in found.steps] == ["viscous"] and found.estimate.names == ("G", "viscous.b")
         assert found.estimate.values["viscous.b"] == pytest.approx(0.002, rel=0.05)
-        assert found.verdict == ("partly" if share else "missing")
+        assert found.verdict == "missing" and bool(found.shared_error) == bool(share)
 
 
 def test_an_estimate_of_another_log_is_diagnosed_in_what_this_log_shows() -> None:
@@ -409,7 +410,7 @@ def test_what_is_asked_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 KEYS = (
     "schema plant parameters noise held_out base_error error prediction torque tolerance converged status "
     "negligible unconfirmed friction_along_the_motion verdict sentence doubts steps conventions ranking remaining "
-    "not_identifiable ruled_out touched next_experiment seconds"
+    "not_identifiable ruled_out touched next_experiment seconds shared_error"
 )
 STEP = {"effect", "class", "parameters", "error_before", "error_after", "p_value"}
 RANKED = {"effect", "class", "score", "p_value", "error_after"}
