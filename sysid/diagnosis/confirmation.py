@@ -191,14 +191,16 @@ class Confirmation:
         poorer, its_error = self.fit_with(fewer)
         without, least = its_error.ratio, self.search.settings.tolerance
         rarity = CATALOGUE[left.name].rarity
-        remains = self._remains(poorer)
-        if remains and not self._remains(self.fit_with(self.additions)[0]):
-            return not is_lowered(error.ratio, without, 0.0)
-        if rarity >= RARE and self.widened and not remains:
-            return True
         if rarity < RARE:
-            return not is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
-        return not is_lowered(error.ratio, without, max(least, HALVED)) or error.ratio > (1.0 - least) * without
+            enough = is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
+        elif self.widened and not self._remains(poorer):
+            return True
+        else:
+            halved = is_lowered(error.ratio, without, max(least, HALVED))
+            enough = halved and error.ratio <= (1.0 - least) * without
+        if enough or not is_lowered(error.ratio, without, 0.0):
+            return not enough
+        return self._remains(self.fit_with(self.additions)[0]) or not self._remains(poorer)
 
     def _unmask(self) -> None:
         """Take back additions that mask something unknown, and confirm the others anew after each.
