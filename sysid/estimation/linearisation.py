@@ -85,6 +85,11 @@ class Samples:
         return self._extent.reach
 
     @property
+    def driven(self) -> bool:
+        """Whether the log holds any command; otherwise it is a free swing."""
+        return bool(np.any(self.commands))
+
+    @property
     def readings(self) -> int:
         """The number of readings."""
         return int(np.count_nonzero(self.weight))

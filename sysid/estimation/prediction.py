@@ -140,8 +140,7 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
     """
     samples, likely = fit.samples, fit.likeliest_torque
     noise = samples.sensor.theta
-    driven = any(np.any(r.u) for r in samples.records)
-    if driven or samples.shared or noise is None or likely.s or not likely.sigma_o:
+    if samples.driven or samples.shared or noise is None or likely.s or not likely.sigma_o:
         return samples.sensor
     from scipy.signal import lfilter
 
