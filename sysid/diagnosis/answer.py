@@ -330,9 +330,7 @@ class Diagnosis:
         if self.contacts:
             remarks.append(f"no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
         if self.shared_error:
-            what, unit = quantity("theta", self.error.units), self.error.units["theta"]
-            shared = f"an error of {self.shared_error:.2g} {unit}"
-            remarks.append(f"neighbouring readings of the {what} share {shared}, which counts as the sensor's")
+            remarks.append(self.shared_error_in_words)
         return tuple(remarks)
 
     @property
@@ -343,6 +341,13 @@ class Diagnosis:
         if alone is None or alone.theta is None or self.sensor.theta is None:
             return 0.0
         return math.sqrt(max(self.sensor.theta**2 - alone.theta**2, 0.0))
+
+    @property
+    def shared_error_in_words(self) -> str:
+        """A phrase on the `shared_error`."""
+        what, unit = quantity("theta", self.error.units), self.error.units["theta"]
+        size = f"{self.shared_error:.2g} {unit}"
+        return f"neighbouring readings of the {what} share an error of {size}, which counts as the sensor's"
 
     def _share(self) -> str:
         """The share of the missing torque that the steps explain, with its size, in words; empty if it is 0."""

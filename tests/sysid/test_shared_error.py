@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sysid import RK4, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
+from sysid import RK4, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate, write_report
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error, widened_sensor
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error
@@ -58,11 +59,13 @@ def test_beside_a_random_torque_or_under_commands_it_is_not() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
-def test_damping_of_a_filmed_swing_is_named_and_nobody_touched_it(seed: int) -> None:
+def test_damping_of_a_filmed_swing_is_named_and_nobody_touched_it(seed: int, tmp_path: Path) -> None:
     """Over five periods viscous friction predicts it about as well; until the amplitude has halved it does not."""
     plain = Model(HANGING, (), MACHINE.integrator, DT)
     answer = diagnose(plain, [filmed(200.0, 0.3, seed)], parameters=("G",))
     assert [step.effect for step in answer.steps] == ["drag"] and answer.verdict == "missing", answer
     assert answer.shared_error == pytest.approx(SHARED, rel=0.25) and not answer.contacts
     assert "share an error of 0.01" in str(answer)
+    write_report(answer, tmp_path / "report.html")
+    assert "It stands for this: neighbouring readings" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert abs(answer.estimate.values["drag.c"] - 4e-4) < 4.0 * answer.estimate.sd["drag.c"]
