@@ -50,7 +50,7 @@ def free_part(record: Record) -> tuple[Record, str]:
     known = np.flatnonzero(np.isfinite(record.theta))
     if len(known) <= FEWEST:
         return record, ""
-    theta, driven = record.theta[known], bool(np.any(record.u))
+    theta, driven = record.theta[known], record.driven
     let_go, caught = int(known[_let_go(theta)]), 0 if driven else _caught(theta)
     first = let_go if let_go >= FEWEST and not np.any(record.u[:let_go]) else 0
     last = int(known[caught]) if caught else len(record)

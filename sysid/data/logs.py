@@ -102,7 +102,7 @@ def needed_rate(records: Sequence[Record]) -> float:
         above = power[::-1].cumsum()[::-1]
         moves = np.flatnonzero(above - noise * (count + 4.0 * np.sqrt(count)) > FAST * above[0])
         fastest = max(fastest, (moves[-1] + 1.0) / (len(y) * r.dt)) if len(moves) else fastest
-    return max(100.0 if any(np.any(r.u) for r in records) else 50.0, 20.0 * fastest)
+    return max(100.0 if any(r.driven for r in records) else 50.0, 20.0 * fastest)
 
 
 def read(

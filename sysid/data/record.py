@@ -188,6 +188,11 @@ class Record:
         return np.concatenate([self.previous_commands, self.u])
 
     @property
+    def driven(self) -> bool:
+        """Whether the record holds any command; a free swing holds none."""
+        return bool(np.any(self.u))
+
+    @property
     def has_angles(self) -> bool:
         """Whether the angle was read at more than the first instant."""
         return self.theta is not None and len(self.theta) > 1

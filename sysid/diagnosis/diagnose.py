@@ -314,7 +314,7 @@ class _Report:
                 merit[name],
                 self._p_value(name),
                 fit=fits.get(name),
-                base=self.base,
+                needed=self.confirmed.needed,
                 missing=missing,
                 held_out=self.confirmed.error,
             )

@@ -14,7 +14,8 @@ from sysid.data.json_file import told
 from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
-from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
+from sysid.diagnosis.residual_torque import missing_torque
+from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.linearisation import LinearisedModel
 from sysid.estimation.prediction_error import Fit
@@ -32,7 +33,8 @@ class Ranked:
     alike       effects that the log cannot tell from it, itself first
     score       decrease of the deviance (-2 log likelihood) beyond the price, expected or, if it was fitted, found
     p_value     of the score test, multiplied by the number of effects that were tested (Bonferroni's correction)
-    fit, base   the fits with it and without, if it was fitted
+    fit         the fit with it, if it was fitted
+    needed      the random torque beside which missing torques are found
     missing     RMS of the torque [N m] that is missing without it
     held_out    the function that gives the held-out error of a fit
     """
@@ -42,7 +44,7 @@ class Ranked:
     score: float
     p_value: float
     fit: Fit | None = None
-    base: Fit | None = None
+    needed: Disturbances | None = None
     missing: float = 0.0
     held_out: Callable[[Fit], HeldOutError] | None = None
 
@@ -59,9 +61,9 @@ class Ranked:
     @cached_property
     def explained(self) -> float | None:
         """The share of the missing torque that it explains (see `MissingTorque`); None if it was not fitted."""
-        if self.fit is None or self.base is None or not self.missing > 0.0:
+        if self.fit is None or self.needed is None or not self.missing > 0.0:
             return None
-        left = float(np.nanmean(missing_torque(self.fit, needed_disturbances(self.base)) ** 2))
+        left = float(np.nanmean(missing_torque(self.fit, self.needed) ** 2))
         return max(0.0, 1.0 - left / self.missing**2)
 
     @cached_property

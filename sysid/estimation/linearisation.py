@@ -86,8 +86,8 @@ class Samples:
 
     @property
     def driven(self) -> bool:
-        """Whether the log holds any command; otherwise it is a free swing."""
-        return bool(np.any(self.commands))
+        """Whether any of the records is driven; otherwise the log is one of free swings."""
+        return any(r.driven for r in self.records)
 
     @property
     def readings(self) -> int:

@@ -67,7 +67,7 @@ def telling_horizon(records: Sequence[Record]) -> float:
     periods. A shorter prediction of a swing shows its period, but not its losses."""
     longest = max(records, key=len)
     read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
-    if read is None or any(np.any(r.u) for r in records):
+    if read is None or any(r.driven for r in records):
         return WINDOW
     known = np.flatnonzero(np.isfinite(read))
     motion = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
