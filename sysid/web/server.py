@@ -99,7 +99,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
-        if door.token and flask.request.args.get("token"):
+        if door.token and flask.request.args.get("token") == door.token:
             response.set_cookie(COOKIE, door.token, httponly=True, samesite="Strict")
         return response
 

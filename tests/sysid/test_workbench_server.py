@@ -54,6 +54,7 @@ def test_bound_elsewhere_it_wants_a_token(bench: Workbench) -> None:
     for address in ("/", "/?token=wrong"):
         answer = client.get(address, headers=away)
         assert answer.status_code == 401 and b"wants a token" in answer.data
+        assert "Set-Cookie" not in answer.headers
     answer = client.get("/?token=secret", headers={"Host": "evil.example:8050"})
     assert answer.status_code == 403 and b"another name of this server" in answer.data
     answer = client.get("/?token=secret", headers=away)
