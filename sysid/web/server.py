@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hmac
 import logging
+import re
 import secrets
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -31,50 +31,28 @@ POLICY = (
     "img-src 'self' data: blob:; font-src 'self' data:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 )
 """What a browser may load for the page: nothing from elsewhere."""
-LOCAL = ("127.0.0.1", "localhost", "[::1]")
+LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
-class Door:
-    """Who may ask: addresses that name this server, pages that came from it, and where it is open to others, a token.
+def refusal(request: flask.Request, token: str) -> tuple[str, int] | None:
+    """Why a request is refused, with its status; None where it is not: it came from a page of this server, and knows
+    the token, or where there is none asks by a name of this machine.
 
-    A foreign page that makes its own name point here (DNS rebinding) still sends its own name as Host.
+    A foreign page that makes its own name point here (DNS rebinding) still sends that name as Host, and its browser
+    keeps no token for it.
     """
-
-    def __init__(self, token: str = "") -> None:
-        self.token, self.any_host, self.hosts = token, False, set[str]()
-
-    def listen(self, host: str, port: int) -> None:
-        """Admit the names of the address that the server listens on."""
-        own = (*LOCAL, f"[{host}]" if ":" in host else host)
-        self.hosts = {f"{name}:{port}" for name in own} | (set(own) if port == 80 else set())
-        self.any_host = host in ("0.0.0.0", "::")
-
-    def refusal(self, request: flask.Request) -> tuple[str, int] | None:
-        """Why a request is refused, with its status; None where it is not."""
-        host, origin = request.host, request.headers.get("Origin")
-        if host not in self.hosts and not (self.any_host and _is_address(host)):
-            return f"The address says {host!r}: expected {sorted(self.hosts)[0]} or another name of this server.", 403
-        if origin is not None and origin.partition("://")[2] != host:
-            return f"A page of {origin} asked: expected one of this server.", 403
-        if self.token and not self._known(request):
-            return "This workbench wants a token: open the address that it printed when it was started.", 401
-        return None
-
-    def _known(self, request: flask.Request) -> bool:
-        given = (request.args.get("token"), request.cookies.get(COOKIE))
-        return any(t is not None and hmac.compare_digest(t.encode(), self.token.encode()) for t in given)
+    host, origin = request.host, request.headers.get("Origin")
+    if origin is not None and origin.partition("://")[2] != host:
+        return f"A page of {origin} asked: expected one of this server.", 403
+    given = (request.args.get("token"), request.cookies.get(COOKIE))
+    if token and not any(t is not None and hmac.compare_digest(t.encode(), token.encode()) for t in given):
+        return "This workbench wants a token: open the address that it printed when it was started.", 401
+    if not token and re.sub(r":\d+$", "", host).strip("[]") not in LOCAL:
+        return f"The address says {host!r}: expected {' or '.join(LOCAL)}.", 403
+    return None
 
 
-def _is_address(host: str) -> bool:
-    name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
-    try:
-        ip_address(name.strip("[]"))
-    except ValueError:
-        return False
-    return True
-
-
-def make_app(bench: Workbench, door: Door) -> Dash:
+def make_app(bench: Workbench, token: str = "") -> Dash:
     """The page and its callbacks."""
     app = Dash(
         __name__,
@@ -91,7 +69,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
 
     @server.before_request
     def check() -> Any:
-        refused = door.refusal(flask.request)
+        refused = refusal(flask.request, token)
         return None if refused is None else flask.Response(refused[0], refused[1], mimetype="text/plain")
 
     @server.after_request
@@ -99,8 +77,8 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
-        if door.token and flask.request.args.get("token") == door.token:
-            response.set_cookie(COOKIE, door.token, httponly=True, samesite="Strict")
+        if token and flask.request.args.get("token") == token:
+            response.set_cookie(COOKIE, token, httponly=True, samesite="Strict")
         return response
 
     @server.errorhandler(413)
@@ -124,13 +102,11 @@ def make(folder: Path, host: str, port: int, token: str = "", effects: Path | No
          most: int = LARGEST_UPLOAD) -> tuple[BaseWSGIServer, Workbench]:  # fmt: skip
     """A server that listens, and its workbench; port 0 takes a free one. Raises InvalidInput where it cannot."""
     bench = Workbench(Sessions(folder), Jobs(effects), most)
-    door = Door(token)
-    app = make_app(bench, door)
+    app = make_app(bench, token)
     try:
         server = make_server(host, port, app.server, threaded=True)
     except (OSError, SystemExit) as error:
         raise InvalidInput(f"cannot listen on {host}, port {port}: {error}: give another --port") from None
-    door.listen(host, server.server_port)
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     return server, bench
 
@@ -142,8 +118,7 @@ def serve(command: Command) -> None:
     else:
         register_effects(command.start.effects)
     log, start, host, folder = command.log, command.start, command.host, command.folder
-    local = host in ("127.0.0.1", "localhost", "::1")
-    token = command.token or ("" if local else secrets.token_urlsafe(16))
+    token = command.token or ("" if host in LOCAL else secrets.token_urlsafe(16))
     server, bench = make(folder, host, command.port, token, start.effects)
     query = [f"session={bench.open(log, start).identifier}"] if log.files else []
     query += [f"token={token}"] if token else []

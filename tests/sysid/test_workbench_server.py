@@ -11,20 +11,14 @@ pytest.importorskip("dash", reason="the workbench needs the extra web")
 
 from sysid.errors import InvalidInput
 from sysid.web.bench import Workbench
-from sysid.web.server import COOKIE, Door, make, make_app
+from sysid.web.server import COOKIE, make, make_app
 
 HERE = {"Host": "127.0.0.1:8050"}
 
 
-def client_of(bench: Workbench, host: str = "127.0.0.1", token: str = "") -> Any:
-    door = Door(token)
-    door.listen(host, 8050)
-    return make_app(bench, door).server.test_client()
-
-
 @pytest.fixture
 def client(bench: Workbench) -> Any:
-    return client_of(bench)
+    return make_app(bench).server.test_client()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8050", "localhost:8050", "[::1]:8050"])
@@ -33,7 +27,7 @@ def test_a_browser_on_this_machine_is_let_in(client: Any, host: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8050", "127.0.0.1.evil.example:8050", "127.0.0.1:1", ""]
+    "host", ["evil.example", "evil.example:8050", "127.0.0.1.evil.example:8050", "[x", "192.168.1.7:8050", ""]
 )
 def test_a_foreign_name_that_points_here_is_refused(client: Any, host: str) -> None:
     answer = client.get("/_dash-layout", headers={"Host": host})
@@ -49,14 +43,12 @@ def test_a_page_from_elsewhere_may_not_ask(client: Any, origin: str) -> None:
 
 
 def test_bound_elsewhere_it_wants_a_token(bench: Workbench) -> None:
-    client = client_of(bench, "0.0.0.0", "secret")
+    client = make_app(bench, "secret").server.test_client()
     away = {"Host": "192.168.1.7:8050"}
     for address in ("/", "/?token=wrong"):
         answer = client.get(address, headers=away)
         assert answer.status_code == 401 and b"wants a token" in answer.data
         assert "Set-Cookie" not in answer.headers
-    answer = client.get("/?token=secret", headers={"Host": "evil.example:8050"})
-    assert answer.status_code == 403 and b"another name of this server" in answer.data
     answer = client.get("/?token=secret", headers=away)
     assert answer.status_code == 200
     assert "HttpOnly" in answer.headers["Set-Cookie"]
