@@ -85,10 +85,10 @@ def _previewed(key: str, session: Session) -> Preview:
         if state.log_options.hold_out is not None:
             split(log, state.log_options.hold_out)
     except InvalidInput as refused:
-        error = session.with_titles(str(refused))
+        error = str(refused)
     except MemoryError:
         error = "this log needs more memory than there is: expected a shorter one"
-    notes = tuple(session.with_titles(note) for note in (log.notes if log else ()))
+    notes = log.notes if log else ()
     said, plant = str(log or "").partition(";")[0], model.plant
     return Preview(said, notes, error, plant.turns, plant.quantities, model.command_unit, *_joined(log or ()))
 
@@ -162,7 +162,8 @@ def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, 
 def form(session: Session) -> list[Any]:
     """The files, the settings, the preview and the button that fits a model."""
     state, (found, chosen) = session.state, columns(session)
-    titles, log = state.titles or ("no file",), state.log
+    log = state.log
+    titles = [Path(f).name for f in log.get("files", ())] or ["no file"]
     told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
     given = {**log, **state.start}
     shown = {name: next(iter(own)) if given.get(name) is None else given[name] for name, own in CHOICES.items()}

@@ -1,7 +1,7 @@
 """Sessions: a folder each, with how a log is read and every model that was made of it, as plain files.
 
 <folder>/<identifier>/session.json     title, options of the log, models and where one is among them
-<folder>/<identifier>/log/log1.csv     uploaded files; what they were called stands in session.json alone
+<folder>/<identifier>/log/1/swing.csv  dropped files, in a folder each
 <folder>/<identifier>/models/0/...     what was found out about a model, a file for each answer
 """
 
@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -27,6 +27,7 @@ from sysid.web.own_effect import OwnEffect
 BAGS = (".mcap", ".db3", ".bag")
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".npz", ".mat", ".h5", ".hdf5", ".parquet", *BAGS)
 """What the names of dropped files end in; what they hold is told by their content alone."""
+LONGEST_NAME = 60
 
 
 class Answer(StrEnum):
@@ -78,12 +79,11 @@ class Node:
 
 @dataclass(frozen=True)
 class SessionState:
-    """What session.json holds; `titles` are the names under which files came, `own` are the user's own effects."""
+    """What session.json holds; `own` are the user's own effects."""
 
     title: str = ""
     log: dict[str, Any] = field(default_factory=dict)
     start: dict[str, Any] = field(default_factory=dict)
-    titles: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
     at: int | None = None
     own: tuple[OwnEffect, ...] = ()
@@ -136,11 +136,10 @@ class Session:
         """What is kept of it, by defaults what an older version did not keep; raises InvalidInput for anything else."""
         data = read_json(self.folder / "session.json", "a session of the workbench")
         try:
+            data.pop("titles", None)  # of an older version: what dropped files were called
             nodes = tuple(Node(**n) for n in data.get("nodes", ()))
-            files = data.get("log", {}).get("files", ())
-            titles = tuple(data.get("titles", (Path(f).name for f in files)))
             own = tuple(OwnEffect(**o) for o in data.get("own", ()))
-            state = SessionState(**{**data, "nodes": nodes, "titles": titles, "own": own})
+            state = SessionState(**{**data, "nodes": nodes, "own": own})
             for known in (state, *map(state.settings_of, range(len(state.nodes)))):
                 _ = known.log_options, known.model_options, known.path(known.at)
         except (AttributeError, LookupError, TypeError, ValueError):
@@ -167,8 +166,7 @@ class Session:
 
     def write(self, node: int, name: Answer, data: dict[str, Any]) -> None:
         """Keep an answer about a model."""
-        text = json.dumps({"format": FORMAT, **data}, allow_nan=False)
-        write_whole(self.of(node) / name, self.with_titles(text, lambda title: json.dumps(title)[1:-1]))
+        write_whole(self.of(node) / name, json.dumps({"format": FORMAT, **data}, allow_nan=False))
 
     def has(self, node: int, name: Answer) -> bool:
         """Whether an answer about a model is there."""
@@ -182,21 +180,11 @@ class Session:
             node = state.nodes[node].undone
         return node
 
-    def with_titles(self, text: str, written: Callable[[str], str] = str) -> str:
-        """A text in which uploaded files are called as they were when they came."""
-        state, called = self.state, dict[str, str]()
-        stems = [Path(title).stem for title in state.titles]
-        for file, title, stem in zip(map(Path, state.log.get("files", ())), state.titles, stems, strict=False):
-            if self.folder in file.parents:
-                called |= {file.name: title, file.stem: stem if stems.count(stem) == 1 else title}
-        names = "|".join(map(re.escape, sorted(called, key=len, reverse=True)))
-        return re.sub(rf"\b({names})\b", lambda match: written(called[match[0]]), text) if called else text
-
     def keep_file(self, number: int, title: str, content: bytes) -> Path:
-        """Write an uploaded file under a number: of its name only a known ending is used."""
-        ending = Path(title).suffix.lower()
-        path = self.folder / "log" / f"log{number}{ending if ending in ENDINGS else '.csv'}"
-        path.parent.mkdir(exist_ok=True)
+        """Write a dropped file into a folder of that number, under what is harmless in its name."""
+        name = re.sub(r"[^\w. -]+", "_", Path(title).stem)[:LONGEST_NAME] + Path(title).suffix.lower()
+        path = self.folder / "log" / str(number) / name
+        path.parent.mkdir(parents=True)
         write_whole(path, content)
         return path
 
@@ -232,7 +220,7 @@ class Sessions:
         files = [str(p.resolve()) for p in kept.files]
         own = _given(replace(kept, settings=None), LogOptions()) | ({"files": files} if files else {})
         begun = _given(replace(given, effects=None), ModelOptions())
-        session.save(SessionState(title, own, begun, tuple(Path(f).name for f in files)))
+        session.save(SessionState(title, own, begun))
         return session
 
     def find(self, identifier: str | None) -> Session | None:

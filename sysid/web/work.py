@@ -7,7 +7,6 @@ It runs beside the server, writes each answer as a file when it is known, and sa
 
 from __future__ import annotations
 
-import html
 import logging
 import math
 import sys
@@ -215,9 +214,9 @@ class Work:
         """What the model lacks; of one that the next step would mend, where it fails."""
         from sysid.report.write import write_report
 
-        path, task, found = self.folder / Answer.REPORT, self.task, self.diagnosis
-        write_report(compare(self.estimate, task.held_out, task.sensor) if found.mended else found, path)
-        write_whole(path, self.session.with_titles(path.read_text(encoding="utf-8"), html.escape))
+        task, found = self.task, self.diagnosis
+        answer = compare(self.estimate, task.held_out, task.sensor) if found.mended else found
+        write_report(answer, self.folder / Answer.REPORT)
 
     def experiment(self) -> None:
         """What to play next: what tells alike effects apart, or else what narrows the widest interval."""

@@ -271,15 +271,6 @@ def test_answers_of_another_version_are_worked_out_anew(walked: tuple[Workbench,
 
 
 @pytest.mark.long
-def test_files_are_called_as_they_were_when_they_came(walked: tuple[Workbench, Session]) -> None:
-    _, session = walked
-    assert [r["name"] for r in session.read(0, Answer.FAILS)["rollouts"]] == [f"swing{k}" for k in range(4)]
-    answers = (Answer.FAILS, Answer.EFFECTS, Answer.REPORT)
-    assert not [name for name in answers if "log1" in (session.of(0) / name).read_text()]
-    assert "log/log1.csv" in script(session.state, session.read(0, Answer.BEGUN), 0)
-
-
-@pytest.mark.long
 def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_path: Path) -> None:
     _, session = walked
     begun = session.read(0, Answer.BEGUN)
