@@ -111,7 +111,7 @@ class Workbench:
             raise InvalidInput("what came is no file: expected a log") from None
         session = self.sessions.new(Path(titles[0]).stem[:LONGEST_TITLE])
         files = [session.keep_file(k, *own) for k, own in enumerate(zip(titles, found, strict=True), start=1)]
-        session.change(log={"files": [str(f) for f in files]})
+        session.change(log=LogOptions(tuple(files)))
         log_part.settle_columns(session)
         return session
 
@@ -122,7 +122,7 @@ class Workbench:
         files = [session.folder / "log" / f"log{k}.csv" for k in range(1, len(records) + 1)]
         for record, file in zip(records, files, strict=True):
             write_csv(record, file)
-        session.change(log={"files": [str(f) for f in files]})
+        session.change(log=LogOptions(tuple(files)))
         self.fit(session)
         return session
 
@@ -202,7 +202,7 @@ class Workbench:
         own = [_changed(session, state.at, n) for n in (Answer.MODEL, Answer.EXPORTED, Answer.REPORT, Answer.PLANNED)]
         known = [_changed(session, k, Answer.FAILS) for k in range(len(state.nodes))]
         rests_on: dict[str, Any] = {
-            "log": (state.title, state.path(state.at)[:1], state.log.get("joint")),
+            "log": (state.title, state.path(state.at)[:1], state.log.joint),
             "fails": fails,
             "effects": effects,
             "ladder": (state.at, state.nodes, known),

@@ -8,6 +8,7 @@ from typing import Any
 
 from dash import dcc, html
 
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.diagnosis.findings import quantity
 from sysid.report.typesetting import typeset_multiple
 from sysid.web import figures
@@ -269,9 +270,10 @@ def ladder_part(state: SessionState, errors: Sequence[float | None]) -> Any:
 def _other(state: SessionState, node: int, error: float | None) -> html.Button:
     """Another model of the history, to go there: what was added on the way, and what of its settings is otherwise."""
     name = " + ".join(["", *state.added(node)]).strip() or "as it came"
-    here, there = ({**s.log, **s.start} for s in (state.settings_of(state.at or 0), state.settings_of(node)))
-    changed = [k for k in (*here, *there) if here.get(k) != there.get(k)]
-    said = ", ".join(f"{k} {there.get(k, 'as usual')}" for k in dict.fromkeys(changed))
+    here, there = (vars(s.log) | vars(s.start) for s in (state.settings_of(state.at or 0), state.settings_of(node)))
+    usual = vars(LogOptions()) | vars(ModelOptions())
+    changed = (k for k in here if here[k] != there[k])
+    said = ", ".join(f"{k} {'as usual' if there[k] == usual[k] else there[k]}" for k in changed)
     label, small = f"{name} ({said})" if said else name, "" if error is None else f"error {_multiple(error)}"
     return html.Button([label, html.Small(small)], id={"do": "go", "node": node})
 

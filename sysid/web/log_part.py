@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from dash import dcc, html
 
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
 from sysid.data.columns import likely_columns, named_columns, wanted_columns
@@ -43,7 +42,6 @@ NUMBERS = {
     "dt": "sample interval [s]",
     "hold_out": "held out: a share, or rollouts",
 }
-OF_THE_LOG = ("columns", "input", "zero", *FLAGS, *NUMBERS, "joint")
 SETTINGS = (*OURS, *CHOICES, "signs", *NUMBERS, "joint", "known")
 """The controls of the form, in the order in which they are handed over."""
 MOST_PREVIEWED = 2_000
@@ -69,21 +67,20 @@ class Preview:
 def preview(session: Session) -> Preview:
     """What the session's settings make of its files; kept as long as neither changes."""
     state = session.state
-    stamps = [Path(f).stat().st_mtime_ns if Path(f).is_file() else 0 for f in state.log.get("files", ())]
-    return _previewed(json.dumps([state.log, state.start, stamps]), session)
+    stamps = tuple(f.stat().st_mtime_ns if f.is_file() else 0 for f in state.log.files)
+    return _previewed(state.log, replace(state.start, set=()), stamps)
 
 
 @lru_cache(maxsize=16)
-def _previewed(key: str, session: Session) -> Preview:
-    """The preview; key: what it rests on."""
-    state, error, log = session.state, "", None
-    start = replace(state.model_options, set=())
+def _previewed(options: LogOptions, start: ModelOptions, stamps: tuple[int, ...]) -> Preview:
+    """The preview; stamps: when the files were written."""
+    error, log = "", None
     model, _, _ = begun(start, None)
     try:
-        model, _, _ = begun(start, state.log_options.input)
-        log = read_log(state.log_options, model)
-        if state.log_options.hold_out is not None:
-            split(log, state.log_options.hold_out)
+        model, _, _ = begun(start, options.input)
+        log = read_log(options, model)
+        if options.hold_out is not None:
+            split(log, options.hold_out)
     except InvalidInput as refused:
         error = str(refused)
     except MemoryError:
@@ -105,11 +102,11 @@ def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
 
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     """The names of the first file's columns, and which of them are taken for what; none of a file that has none."""
-    state = session.state
-    command = state.log_options.input or "torque"
+    log = session.state.log
+    command = log.input or "torque"
     try:
-        found = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0].names()
-        told = wanted_columns(state.log.get("columns", ""), command)
+        found = sources(log.files[:1], log.joint)[0].names()
+        told = wanted_columns(log.columns, command)
     except InvalidInput:  # the preview says why
         return (), {}
     own = named_columns(found, command) | told
@@ -118,26 +115,25 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
 
 def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
-    state, (found, chosen) = session.state, columns(session)
+    log, (found, chosen) = session.state.log, columns(session)
     try:
-        source = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0]
-        table = source.load(chosen, RAW_ROWS)
+        table = sources(log.files[:1], log.joint)[0].load(chosen, RAW_ROWS)
     except InvalidInput:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
         kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
         chosen = likely_columns([name for name in found if name not in empty], kept) | kept
-    own = named_columns(found, state.log_options.input or "torque")
+    own = named_columns(found, log.input or "torque")
     told = ",".join(f"{a}={b}" for a, b in chosen.items() if own.get(a) != b)
-    if told and not state.log.get("columns"):
-        session.change(log={**state.log, "columns": told})
+    if told and not log.columns:
+        session.change(log=replace(log, columns=told))
 
 
 def change(session: Session, values: Mapping[str, Any]) -> None:
     """Keep what a form shows; the columns of another joint are looked at anew."""
     before = session.state
     session.save(changed(before, values, columns(session)[1]))
-    if session.state.log.get("joint") != before.log.get("joint"):
+    if session.state.log.joint != before.log.joint:
         settle_columns(session)
 
 
@@ -145,15 +141,14 @@ def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, 
     """The state with the settings that a form shows; `found` are the columns by our names that the form began with."""
     told = [f"{ours}={values.get(ours) or ''}" for ours in OURS if values.get(ours) or ours in found]
     known = [part.strip() for part in (values.get("known") or "").replace(";", ",").split(",") if part.strip()]
-    given: dict[str, Any] = {"columns": ",".join(told), "joint": (values.get("joint") or "").strip(), "set": known}
-    given |= {name: values.get(name) for name, choices in CHOICES.items() if values.get(name) != next(iter(choices))}
-    given |= {name: float(values[name]) for name in NUMBERS if values.get(name) is not None}
-    given |= {name: True for name in values.get("signs", ())}
-    log = {k: v for k, v in state.log.items() if k not in OF_THE_LOG}
-    start = {k: v for k, v in state.start.items() if k not in ("plant", "set")}
-    log |= {k: given[k] for k in OF_THE_LOG if given.get(k) not in (None, "")}
-    start |= {k: given[k] for k in ("plant", "set") if given.get(k)}
-    return replace(state, log=log, start=start)
+    given: dict[str, Any] = {name: name in values.get("signs", ()) for name in FLAGS}
+    given |= {name: None if values.get(name) is None else float(values[name]) for name in NUMBERS}
+    chosen: dict[str, Any] = {
+        n: None if values.get(n) == next(iter(own)) else values.get(n) for n, own in CHOICES.items()
+    }
+    start = replace(state.start, plant=chosen.pop("plant"), set=tuple(known))
+    joint = (values.get("joint") or "").strip()
+    return replace(state, log=replace(state.log, columns=",".join(told), joint=joint, **given, **chosen), start=start)
 
 
 # ---- the form --------------------------------------------------------------------------------------------------------
@@ -163,14 +158,14 @@ def form(session: Session) -> list[Any]:
     """The files, the settings, the preview and the button that fits a model."""
     state, (found, chosen) = session.state, columns(session)
     log = state.log
-    titles = [Path(f).name for f in log.get("files", ())] or ["no file"]
+    titles = [file.name for file in log.files] or ["no file"]
     told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
-    given = {**log, **state.start}
-    shown = {name: next(iter(own)) if given.get(name) is None else given[name] for name, own in CHOICES.items()}
+    given = vars(log) | vars(state.start)
+    shown = {name: next(iter(own)) if given[name] is None else given[name] for name, own in CHOICES.items()}
     zero = [{"value": own, "label": label} for own, label in CHOICES["zero"].items()]
     if not isinstance(at := shown["zero"], str):
         zero.append({"value": at, "label": f"where it hangs at {at:g}"})
-    of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log.get("files", ()))
+    of_bag = any(file.suffix in BAGS or file.is_dir() for file in log.files)
     return [
         html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),
         html.Div(id="preview"),
@@ -183,12 +178,12 @@ def form(session: Session) -> list[Any]:
                 _labelled("the command is", _choice("input", CHOICES["input"], shown["input"])),
                 _labelled("angle 0 is", dcc.RadioItems(zero, shown["zero"], id="set-zero", inline=True,
                                                        className="choice")),
-                dcc.Checklist(FLAGS, [name for name in FLAGS if log.get(name)], id="set-signs"),
+                dcc.Checklist(FLAGS, [name for name in FLAGS if given[name]], id="set-signs"),
                 html.Div([_labelled(label, dcc.Input(id=f"set-{name}", type="number", debounce=True,
-                                                     value=log.get(name)))
+                                                     value=given[name]))
                           for name, label in NUMBERS.items()], className="fields"),
-                _labelled("joint", dcc.Input(id="set-joint", value=log.get("joint"), debounce=True), hidden=not of_bag),
-                _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.get("set", ())),
+                _labelled("joint", dcc.Input(id="set-joint", value=log.joint, debounce=True), hidden=not of_bag),
+                _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.set),
                                                      placeholder="l=0.45, m=0.5", debounce=True)),
             ],
             open=bool(preview(session).error) or not state.nodes,

@@ -32,11 +32,10 @@ def _numbers(part: Plant | Effect) -> str:
 
 def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
     """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
-    state = state.settings_of(node)
-    files = list(state.log["files"])
-    more = f", hold_out={state.log['hold_out']!r}" if "hold_out" in state.log else ""
-    given = state.log.get("noise", "")
-    options = "".join(f", {name}={value!r}" for name, value in state.log_options.reading().items())
+    log = state.settings_of(node).log
+    files, given = [str(file) for file in log.files], log.noise
+    more = "" if log.hold_out is None else f", hold_out={log.hold_out!r}"
+    options = "".join(f", {name}={value!r}" for name, value in log.reading().items())
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
     loaded = [f"sysid.load_effects({begun['effects_file']!r})"] if begun.get("effects_file") else []
     parts = [

@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -67,8 +67,8 @@ class Node:
 
     parent: int | None = None
     added: str = ""
-    log: dict[str, Any] | None = None
-    start: dict[str, Any] | None = None
+    log: LogOptions | None = None
+    start: ModelOptions | None = None
     before: int | None = None
 
     @property
@@ -82,21 +82,11 @@ class SessionState:
     """What session.json holds; `own` are the user's own effects."""
 
     title: str = ""
-    log: dict[str, Any] = field(default_factory=dict)
-    start: dict[str, Any] = field(default_factory=dict)
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
     nodes: tuple[Node, ...] = ()
     at: int | None = None
     own: tuple[OwnEffect, ...] = ()
-
-    @property
-    def log_options(self) -> LogOptions:
-        """How the log is read."""
-        return LogOptions(**{**self.log, "files": tuple(map(Path, self.log.get("files", ())))})
-
-    @property
-    def model_options(self) -> ModelOptions:
-        """The model to begin with."""
-        return ModelOptions(**{**self.start, "set": tuple(self.start.get("set", ()))})
 
     def path(self, node: int | None) -> tuple[int, ...]:
         """The models from the first to this one."""
@@ -117,7 +107,7 @@ class SessionState:
     def settings_of(self, node: int) -> SessionState:
         """The state with the settings that a model was made with, which the form may no longer show."""
         first = self.nodes[self.path(node)[0]]
-        return replace(self, log=first.log or self.log, start=self.start if first.start is None else first.start)
+        return replace(self, log=first.log or self.log, start=first.start or self.start)
 
 
 @dataclass(frozen=True)
@@ -137,17 +127,16 @@ class Session:
         data = read_json(self.folder / "session.json", "a session of the workbench")
         try:
             data.pop("titles", None)  # of an older version: what dropped files were called
-            nodes = tuple(Node(**n) for n in data.get("nodes", ()))
+            nodes = tuple(Node(**n | _options(n)) for n in data.get("nodes", ()))
             own = tuple(OwnEffect(**o) for o in data.get("own", ()))
-            state = SessionState(**{**data, "nodes": nodes, "own": own})
-            for known in (state, *map(state.settings_of, range(len(state.nodes)))):
-                _ = known.log_options, known.model_options, known.path(known.at)
+            state = SessionState(**data | _options(data) | {"nodes": nodes, "own": own})
+            _ = [state.path(node) for node in (state.at, *range(len(nodes)))]
         except (AttributeError, LookupError, TypeError, ValueError):
             raise InvalidInput(f"{self.identifier}/session.json is no session of this version") from None
         return state
 
     def save(self, state: SessionState) -> None:
-        write_whole(self.folder / "session.json", json.dumps(asdict(state), indent=1))
+        write_whole(self.folder / "session.json", json.dumps(asdict(state, dict_factory=_given), indent=1, default=str))
 
     def change(self, **changes: Any) -> None:
         """Keep it with these fields changed."""
@@ -216,11 +205,9 @@ class Sessions:
         """A new session, perhaps of files that lie elsewhere."""
         session = Session(self.folder / secrets.token_hex(4))
         session.folder.mkdir()
-        kept, given = log or LogOptions(), start or ModelOptions()
-        files = [str(p.resolve()) for p in kept.files]
-        own = _given(replace(kept, settings=None), LogOptions()) | ({"files": files} if files else {})
-        begun = _given(replace(given, effects=None), ModelOptions())
-        session.save(SessionState(title, own, begun))
+        log, start = log or LogOptions(), start or ModelOptions()
+        log = replace(log, files=tuple(p.resolve() for p in log.files), settings=None)
+        session.save(SessionState(title, log, replace(start, effects=None)))
         return session
 
     def find(self, identifier: str | None) -> Session | None:
@@ -246,11 +233,21 @@ class Sessions:
 
     def of_files(self, files: Sequence[Path]) -> Session | None:
         """The newest session of exactly these files."""
-        wanted = [str(f.resolve()) for f in files]
-        return next((s for s in self.all() if list(s.state.log.get("files", ())) == wanted), None)
+        wanted = tuple(f.resolve() for f in files)
+        return next((s for s in self.all() if s.state.log.files == wanted), None)
 
 
-def _given(options: Any, usual: Any) -> dict[str, Any]:
-    """The options that are not the usual ones, as JSON holds them."""
-    own = {k: v for k, v in vars(options).items() if v != getattr(usual, k)}
-    return {k: str(v) if isinstance(v, Path) else v for k, v in own.items()}
+def _given(fields: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of a dataclass that are not None, which stands for what is left out."""
+    return {name: value for name, value in fields if value is not None}
+
+
+def _options(data: Mapping[str, Any]) -> dict[str, Any]:
+    """How a log is read, and the model to begin with, of a session or of a model of it, where JSON says them."""
+    found: dict[str, Any] = {}
+    if (log := data.get("log")) is not None:
+        found["log"] = LogOptions(**log | {"files": tuple(map(Path, log.get("files", ())))})
+    if (start := data.get("start")) is not None:
+        model = {"model": Path(start["model"])} if "model" in start else {}
+        found["start"] = ModelOptions(**start | model | {"set": tuple(start.get("set", ()))})
+    return found

@@ -86,10 +86,10 @@ class Work:
     @cached_property
     def task(self) -> LogAndModel:
         """The log, its noise and the model to begin with: the one before, where there is one."""
-        start, known = self.state.model_options, self.number if self._has(Answer.MODEL) else self.node.parent
+        start, known = self.state.start, self.number if self._has(Answer.MODEL) else self.node.parent
         if known is not None:
             start = ModelOptions(model=self.session.of(known) / Answer.MODEL)
-        return LogAndModel.of(FitCommand(log=self.state.log_options, start=start))
+        return LogAndModel.of(FitCommand(log=self.state.log, start=start))
 
     def run(self) -> None:
         """Everything that is not there yet, in the order in which a page shows it."""
@@ -113,7 +113,7 @@ class Work:
     def diagnosis(self) -> Diagnosis:
         """What it lacks next."""
         t = self.task
-        return diagnose(self.estimate, t.log, t.sensor, self.state.log_options.hold_out, settings=STEP)
+        return diagnose(self.estimate, t.log, t.sensor, self.state.log.hold_out, settings=STEP)
 
     def _fit(self) -> None:
         task = self.task
@@ -121,7 +121,7 @@ class Work:
             estimate = task.fitted()
             self._write(Answer.BEGUN, begun_with(task.model, task.names, self.effects))
         else:
-            before, hold_out = self._estimate_of(self.node.parent), self.state.log_options.hold_out
+            before, hold_out = self._estimate_of(self.node.parent), self.state.log.hold_out
             estimate = add(before, self.node.added, task.log, task.measured, hold_out).estimate
         save(estimate, self.folder / Answer.MODEL)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +203,7 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
 def test_settings_that_read_no_log_leave_the_history(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     before, log = session.state.nodes, session.state.log
-    session.change(log={**log, "begin": 1e6})
+    session.change(log=replace(log, begin=1e6))
     bench.fit(session)
     assert session.state.nodes == before
     session.change(log=log)
@@ -214,24 +215,24 @@ def test_beginning_anew_can_be_undone(walked: tuple[Workbench, Session]) -> None
     bench, session = walked
     session.change(at=1)
     before = session.state
-    session.change(log={**before.log, "end": 3.0})
+    session.change(log=replace(before.log, end=3.0))
     bench.fit(session)
     assert session.state.at == 2
     assert session.state.settings_of(1).log == before.log
-    assert session.state.settings_of(2).log["end"] == 3.0
+    assert session.state.settings_of(2).log.end == 3.0
     assert "end=" not in script(session.state, session.read(0, Answer.BEGUN), 1)
     assert "before" in str(bench.part("fails", session))
     bench.do(session, {"do": "undo"}, {})
     assert session.state == before
     assert waited(bench, session) == ""
-    session.change(log={**before.log, "end": 3.0})
+    session.change(log=replace(before.log, end=3.0))
     bench.fit(session)
     assert waited(bench, session) == ""
     bench.do(session, {"do": "go", "node": 1}, {})
     assert session.state.log == before.log
     assert "as it came (end 3.0)" in str(bench.part("ladder", session))
     bench.do(session, {"do": "go", "node": 2}, {})
-    assert session.state.log["end"] == 3.0
+    assert session.state.log.end == 3.0
     bench.do(session, {"do": "undo"}, {})
     assert session.state.at == 1
     session.drop_last_node()

@@ -38,7 +38,7 @@ def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workben
     session = uploaded(bench, log)
     found = log_part.preview(session)
     assert found.error == ""
-    assert session.state.log["columns"] == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
+    assert session.state.log.columns == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
 
 
 def test_a_column_without_numbers_is_not_taken(bench: Workbench, tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_preview_is_read_once(bench: Workbench, swing: Path) -> None:
     session = uploaded(bench, swing)
     first = log_part.preview(session)
     assert log_part.preview(session) is first
-    session.change(log={**session.state.log, "end": 2.0})
+    session.change(log=replace(session.state.log, end=2.0))
     assert log_part.preview(session) is not first
 
 
@@ -122,6 +122,15 @@ def test_no_other_name_is_a_session(bench: Workbench, name: str | None) -> None:
 def test_an_address_names_a_session() -> None:
     assert session_name("?session=0123abcd&token=x") == "0123abcd"
     assert session_name(None) is None
+
+
+def test_a_session_keeps_what_the_command_line_said(bench: Workbench, swing: Path) -> None:
+    log, start = (
+        LogOptions((swing,), zero="hanging", end=3.0),
+        ModelOptions(swing.with_name("model.json"), set=("l=1",)),
+    )
+    state = bench.open(log, start).state
+    assert (state.log, state.start) == (log, start)
 
 
 def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench, swing: Path) -> None:
@@ -184,14 +193,14 @@ def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, s
     form = {"t": "t", "theta": "theta", "theta_dot": "theta_dot", "torque": "u", "plant": "rod", "input": "torque",
             "zero": "upright", "signs": ["degrees"], "begin": 0.0}  # fmt: skip
     log_part.change(session, {**form, "hold_out": 0.4, "dt": 0.04})
-    options = session.state.log_options
+    options = session.state.log
     assert (options.hold_out, options.dt, options.begin, options.degrees) == (0.4, 0.04, 0.0, True)
     assert options.input is options.zero is None
     assert "25 Hz" in log_part.preview(session).said
     log_part.change(session, {**form, "hold_out": -1.0})
     assert "hold" in log_part.preview(session).error
     log_part.change(session, form)
-    assert session.state.log_options.hold_out is None
+    assert session.state.log.hold_out is None
 
 
 @pytest.mark.parametrize("zero", [0.0, 2.157])
@@ -199,7 +208,7 @@ def test_a_zero_by_number_is_shown_and_kept(bench: Workbench, swing: Path, zero:
     session = bench.open(LogOptions(files=(swing,), zero=zero), ModelOptions())
     assert f"where it hangs at {zero:g}" in str(bench.part("log", session))
     log_part.change(session, {"t": "t", "theta": "theta", "plant": "rod", "input": "torque", "zero": zero})
-    assert session.state.log_options.zero == zero
+    assert session.state.log.zero == zero
 
 
 def test_the_joint_of_a_bag_can_be_chosen_where_it_has_several(bench: Workbench, tmp_path: Path) -> None:
