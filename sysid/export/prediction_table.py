@@ -12,7 +12,7 @@ from sysid.data.files import check_installed, save_file
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.predictions import throughout
-from sysid.diagnosis.residual_torque import residual_torque
+from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.output_error import CHANNELS
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -49,16 +49,15 @@ def write_predictions(model: Model, records: Sequence[Record], sensor: Sensor, p
     import pyarrow
     from pyarrow import parquet
 
-    columns = predictions(model, records, sensor)
+    columns = predictions(model, records, sensor, residual_torque(model, records, sensor))
     content = BytesIO()
     parquet.write_table(pyarrow.table({k: pyarrow.array(v, from_pandas=True) for k, v in columns.items()}), content)
     save_file(path, content.getvalue())
 
 
-def predictions(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, Array]:
+def predictions(model: Model, records: Sequence[Record], sensor: Sensor, torque: ResidualTorque) -> dict[str, Array]:
     """The columns of `write_predictions`, all records one after the other; nan where there is no value."""
     records = check_records(model, records)
-    torque = residual_torque(model, records, sensor)
     tables = []
     courses = zip(records, throughout(model, records, sensor, AHEAD), torque.records, strict=True)
     for i, (record, said, beyond) in enumerate(courses):
@@ -68,7 +67,7 @@ def predictions(model: Model, records: Sequence[Record], sensor: Sensor) -> dict
         table = {"rollout": np.full(n, float(i)), "t": record.t, "torque": _filled(record.u, n)}
         for channel in CHANNELS:
             measured = getattr(record, channel)
-            if measured is None or channel not in said.model:
+            if measured is None or len(measured) < n or channel not in said.model:
                 continue
             answer = np.full(n, np.nan)
             answer[at] = said.model[channel][known]

@@ -269,10 +269,10 @@ class Workbench:
         at = np.flatnonzero(figures.within(s, region)) if region else np.zeros(0, dtype=np.intp)
         at = at[:: max(1, len(at) // figures.MARKED)]
         course, states, quantity = Patch(), Patch(), Patch()
-        for trace, y in ((figures.MARKS_ABOVE, s[f"read_{channel}"]), (figures.MARKS_BELOW, s["d"])):
+        for trace, y in ((figures.MARKS_ABOVE, s[f"{channel}_read"]), (figures.MARKS_BELOW, s["residual_torque"])):
             course["data"][trace]["x"], course["data"][trace]["y"] = s["t"][at], y[at]
         states["data"][2]["x"], states["data"][2]["y"] = s["theta"][at], s["theta_dot"][at]
-        quantity["data"][2]["x"], quantity["data"][2]["y"] = s[over][at], s["d"][at]
+        quantity["data"][2]["x"], quantity["data"][2]["y"] = s[over][at], s["residual_torque"][at]
         return [course, states, quantity]
 
 

@@ -31,7 +31,7 @@ def region_of(plot: str, chosen: Mapping[str, Any] | None, over: str) -> dict[st
         return {}
     if plot == "course":
         return {"t": (x[0], x[1])}
-    other = {"map": ("theta", "theta_dot"), "over": (over, "d")}[plot]
+    other = {"map": ("theta", "theta_dot"), "over": (over, "residual_torque")}[plot]
     return {other[0]: (x[0], x[1])} | ({other[1]: (y[0], y[1])} if y is not None else {})
 
 

@@ -138,17 +138,11 @@ def residual_over_time(found: Mapping[str, Any], s: Series, channel: str) -> go.
 
 def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = np.inf) -> list[dict[str, Any]]:
     """The series of `course` in its order, thinned within a stretch of time."""
-    half = SIGMA_99 * s["sd"]  # nan at the last sample of a rollout, where lines end
-    shown = (
-        (s["t"], np.where(np.isnan(s["d"]), np.nan, s[f"read_{channel}"])),
-        (s["said_t"], s[f"said_{channel}"]),
-        (s["t"], s["d"] - half),
-        (s["t"], s["d"] + half),
-        (s["t"], s["d"]),
-    )
+    d, half = s["residual_torque"], SIGMA_99 * s["residual_torque_sd"]
+    read, said = (np.where(np.isnan(d), np.nan, s[f"{channel}_{of}"]) for of in ("read", "predicted"))
     found = []
-    for k, line in enumerate(shown):
-        t, y = thinned(*line, MOST if k < LOW else MOST // 2, begin, end)
+    for k, line in enumerate((read, said, d - half, d + half, d)):  # nan at a rollout's last sample, where lines end
+        t, y = thinned(s["t"], line, MOST if k < LOW else MOST // 2, begin, end)
         found.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
     return found
 
@@ -186,7 +180,7 @@ def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mappin
     units, at = found["quantities"], _dots(s)
     figure = blank(270, axis_title(name, units), f"residual {axis_title('torque', units)}")
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
-    figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
+    figure.add_scatter(x=s[name][at], y=s["residual_torque"][at], mode="markers", marker=dots, hoverinfo="skip")
     means = found["torque"]["over"][name]
     mean, sd, edges, count = (np.array(means[k], dtype=float) for k in ("mean", "sd", "edges", "count"))
     seen = np.isfinite(mean) & (count >= 0.002 * count.sum())
@@ -212,10 +206,10 @@ def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, An
     """The residual torque over a stretch of time, and an effect's torque through it."""
     name, places = curve["record"].partition(", ")[0], found["rollouts"]
     place = next((p for p in places if p["name"] == name), places[0])
-    shift, torque = place["begin"] - place["first"], axis_title("torque", found["quantities"])
+    shift, torque = place["shift"], axis_title("torque", found["quantities"])
     x = np.array(curve["x"]) + shift
     figure = blank(270, f"time [s] of {place['name']}", f"residual {torque}", showlegend=True)
-    t, d = thinned(s["t"], s["d"], 1_500, float(x[0]), float(x[-1]))
+    t, d = thinned(s["t"], s["residual_torque"], 1_500, float(x[0]), float(x[-1]))
     figure.add_scatter(x=t - shift, y=d, mode="lines", line={"color": ORANGE, "width": 1.2}, name="residual")
     figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 1.8}, name="effect")
     return figure

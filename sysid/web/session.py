@@ -50,7 +50,7 @@ class Answer(StrEnum):
     ERROR = "error.json"
 
 
-FORMAT = 3
+FORMAT = 4
 """What the answers below look like; those that another version wrote are worked out anew."""
 OF_THIS_FORMAT = (Answer.EXPORTED, Answer.FAILS, Answer.EFFECTS, Answer.PLANNED)
 

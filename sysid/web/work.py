@@ -8,7 +8,6 @@ It runs beside the server, writes each answer as a file when it is known, and sa
 from __future__ import annotations
 
 import logging
-import math
 import sys
 import time
 import warnings
@@ -31,14 +30,15 @@ from sysid.diagnosis.answer import Diagnosis
 from sysid.diagnosis.compare import compare
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.findings import chance, fitted_numbers, spaced_unit
-from sysid.diagnosis.predictions import throughout
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.saved_model import load, save
 from sysid.export.mjcf import to_mjcf
+from sysid.export.prediction_table import predictions
 from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
 from sysid.planning.next_experiment import limits_of, next_experiment
@@ -168,27 +168,16 @@ class Work:
         return own if before is None else max(own, before["reach"])
 
     def _series(self, torque: ResidualTorque) -> None:
-        """All samples, rollout after rollout: t, readings, the motion, the residual torque; and the predictions."""
+        """The log beside its predictions, and the motion in it: all samples, rollout after rollout on one axis."""
         task, model = self.task, self.estimate.model
-        begins = [place["begin"] - place["first"] for place in _places(task.log, task.held_out)]
-        columns: dict[str, list[Any]] = {}
-
-        def put(**values: Any) -> None:
-            for name, value in values.items():
-                columns.setdefault(name, []).append(value)
-
-        for k, (record, own) in enumerate(zip(task.log, torque.records, strict=True)):
-            nothing = np.full(len(record) + 1, math.nan)
-            angle = record.theta if record.has_angles and record.theta is not None else nothing
-            speed = nothing if record.theta_dot is None else record.theta_dot
-            put(t=record.t + begins[k], theta=model.plant.place(own.theta), theta_dot=own.theta_dot)
-            put(read_theta=angle, read_theta_dot=speed, torque=np.append(record.u, record.u[-1]))
-            put(d=np.append(own.d, math.nan), sd=np.append(own.sd, math.nan))
-        for k, path in enumerate(throughout(model, task.log, task.sensor)):
-            nothing = np.full(len(path.t), math.nan)
-            put(said_t=path.t + begins[k])
-            put(**{f"said_{c}": path.model.get(c, nothing) for c in ("theta", "theta_dot")})
-        series: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
+        table = predictions(model, task.log, task.sensor, torque)
+        shifts = [place["shift"] for place in _places(task.log, task.held_out)]
+        series: dict[str, Any] = table | {f"{c}_read": table[c] for c in CHANNELS if c in table}
+        series |= {
+            "t": table["t"] + np.repeat(shifts, [len(r.t) for r in task.log]),
+            "theta": model.plant.place(np.concatenate([own.theta for own in torque.records])),
+            "theta_dot": np.concatenate([own.theta_dot for own in torque.records]),
+        }
         with whole(self.folder / Answer.SERIES) as file:
             np.savez(file, **series)
 
@@ -254,10 +243,10 @@ def _places(records: Sequence[Record], held_out: Sequence[Record]) -> list[dict[
     """Where each rollout lies on one axis of time [s], with a gap between them, and which of it no fit has seen."""
     found = []
     for r, begin in zip(records, in_a_row([r.t for r in records]).tolist(), strict=True):
-        first, shift = float(r.t[0]), begin - float(r.t[0])
+        shift = begin - float(r.t[0])
         own = [h for h in held_out if is_part(h.name, r.name)]
         unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in own]
-        found.append({"name": r.name, "begin": begin, "first": first, "unseen": unseen})
+        found.append({"name": r.name, "shift": shift, "unseen": unseen})
     return found
 
 

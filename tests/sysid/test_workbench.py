@@ -164,7 +164,8 @@ def test_thinning_leaves_out_no_gap() -> None:
 
 
 def test_a_zoom_that_moves_no_time_changes_nothing(tmp_path: Path) -> None:
-    series = {k: np.arange(9.0) for k in ("t", "theta", "read_theta", "said_t", "said_theta", "d", "sd")}
+    columns = ("t", "theta_read", "theta_predicted", "residual_torque", "residual_torque_sd")
+    series = {k: np.arange(9.0) for k in columns}
     np.savez(tmp_path / "s.npz", **series)
     s = figures.series(tmp_path / "s.npz")
     assert zoomed(s, "theta", {"yaxis.range[0]": 0.0}) is None

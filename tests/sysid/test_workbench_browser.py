@@ -277,8 +277,7 @@ def long_session(bench: Any, folder: Path, count: int) -> Any:
     later = span * np.repeat(np.arange(times), len(short["t"]))
     series = {name: np.tile(column, times) for name, column in short.items()}
     series["t"] = series["t"] + later
-    series["said_t"] = series["said_t"] + span * np.repeat(np.arange(times), len(short["said_t"]))
     np.savez(path, **{name: column[:count] for name, column in series.items()})
-    rows = np.column_stack([series[k][:count] for k in ("t", "read_theta", "read_theta_dot", "torque")])
+    rows = np.column_stack([series[k][:count] for k in ("t", "theta_read", "theta_dot_read", "torque")])
     np.savetxt(folder / "short.csv", rows, delimiter=",", header="t,theta,theta_dot,torque", comments="")
     return session
