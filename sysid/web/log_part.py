@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,12 @@ from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
 from sysid.data.columns import likely_columns, named_columns, wanted_columns
 from sysid.data.log_files import sources
-from sysid.data.record import Record, in_a_row
+from sysid.data.logs import Log
+from sysid.data.record import in_a_row
 from sysid.data.splitting import split
 from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS
+from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.web import figures
 from sysid.web.layout import graph
@@ -50,18 +52,23 @@ MOST_PREVIEWED = 2_000
 
 @dataclass(frozen=True, eq=False)
 class Preview:
-    """What the settings make of the files: what was read, what was noted, or why they cannot be read; in which units;
-    t, theta, torque (K,) of all rollouts one after the other, nan between."""
+    """What the settings make of the files: the log, or why it cannot be read, and a model of the machine."""
 
-    said: str
-    notes: tuple[str, ...]
+    log: Log | None
     error: str
-    turns: bool
-    units: Mapping[str, str]
-    command: str
-    t: Array
-    theta: Array
-    torque: Array
+    model: Model
+
+    @cached_property
+    def course(self) -> tuple[Array, Array, Array]:
+        """t, theta, torque (K,) of all rollouts one after the other, nan between."""
+        t, theta, torque = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
+        records = self.log or ()
+        for r, begin in zip(records, in_a_row([r.t for r in records]), strict=True):
+            t.append(np.append(r.t - r.t[0] + begin, math.nan))
+            known = r.theta if r.has_angles and r.theta is not None else np.full(len(r) + 1, math.nan)
+            theta.append(np.append(known, math.nan))
+            torque.append(np.append(r.u, [r.u[-1], math.nan]))
+        return np.concatenate(t), np.concatenate(theta), np.concatenate(torque)
 
 
 def preview(session: Session) -> Preview:
@@ -85,19 +92,7 @@ def _previewed(options: LogOptions, start: ModelOptions, stamps: tuple[int, ...]
         error = str(refused)
     except MemoryError:
         error = "this log needs more memory than there is: expected a shorter one"
-    notes = log.notes if log else ()
-    said, plant = str(log or "").partition(";")[0], model.plant
-    return Preview(said, notes, error, plant.turns, plant.quantities, model.command_unit, *_joined(log or ()))
-
-
-def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
-    t, theta, torque = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
-    for r, begin in zip(records, in_a_row([r.t for r in records]), strict=True):
-        t.append(np.append(r.t - r.t[0] + begin, math.nan))
-        known = r.theta if r.has_angles and r.theta is not None else np.full(len(r) + 1, math.nan)
-        theta.append(np.append(known, math.nan))
-        torque.append(np.append(r.u, [r.u[-1], math.nan]))
-    return np.concatenate(t), np.concatenate(theta), np.concatenate(torque)
+    return Preview(log, error, model)
 
 
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -206,31 +201,32 @@ def _choice(name: str, choices: Mapping[str, str], value: str) -> dcc.Dropdown:
 
 def previewed(found: Preview) -> list[Any]:
     """The angle and the command over time, the machine at the cursor, and what looks unlikely."""
-    if found.error:
+    if found.error or found.log is None:
         return [html.P(found.error, className="error", role="alert")]
-    notes = [html.Li(note) for note in found.notes]
-    end = float(np.nanmax(found.t))
+    notes = [html.Li(note) for note in found.log.notes]
+    end = float(np.nanmax(found.course[0]))
     return [
         html.Div([graph(machine_figure(found, 0.0), id="machine"), graph(readings(found), id="readings")],
                  className="preview"),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
-        html.P(found.said, className="quiet"),
+        html.P(str(found.log).partition(";")[0], className="quiet"),
         *([html.Ul(notes, className="notes")] if notes else []),
     ]  # fmt: skip
 
 
 def readings(found: Preview) -> go.Figure:
     """Angle and command over time."""
+    t, theta, torque = found.course
     margin = {"l": 44, "r": 4, "t": 6, "b": 34}
     figure = figures.two_rows(230, vertical_spacing=0.08)
     figure.update_layout(margin=margin, hovermode="x", font={"size": 10})
-    for row, (series, colour) in enumerate(((found.theta, figures.BLUE), (found.torque, figures.GREY)), start=1):
-        t, y = figures.thinned(found.t, series, MOST_PREVIEWED)
-        figure.add_scatter(x=t, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
+    for row, (series, colour) in enumerate(((theta, figures.BLUE), (torque, figures.GREY)), start=1):
+        x, y = figures.thinned(t, series, MOST_PREVIEWED)
+        figure.add_scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
     figure.update_xaxes(title="time [s]", row=2)
-    figure.update_yaxes(title=f"{'angle' if found.turns else 'position'} [{found.units['theta']}]", row=1)
-    figure.update_yaxes(title=f"command [{found.command}]", row=2)
+    figure.update_yaxes(title=figures.axis_title("theta", found.model.plant.quantities), row=1)
+    figure.update_yaxes(title=f"command [{found.model.command_unit}]", row=2)
     figure.add_vline(x=0.0, line={"color": figures.YELLOW, "width": 1.5})
     return figure
 
@@ -243,7 +239,7 @@ def machine_figure(found: Preview, t: float) -> go.Figure:
     figure.update_yaxes(visible=False, range=[-1.25, 1.25], scaleanchor="x", fixedrange=True)
     figure.add_scatter(x=x, y=y, mode="lines+markers", hoverinfo="skip", line={"color": figures.BLUE, "width": 7},
                        marker={"size": [10, 16], "color": [figures.GREY, figures.BLUE], "opacity": 1})  # fmt: skip
-    if found.turns:
+    if found.model.plant.turns:
         figure.add_annotation(x=-1.1, y=-1.1, ax=-1.1, ay=-0.6, axref="x", ayref="y", text="g", showarrow=True,
                               arrowhead=2, arrowcolor=figures.GREY)  # fmt: skip
     return figure
@@ -251,11 +247,12 @@ def machine_figure(found: Preview, t: float) -> go.Figure:
 
 def arm(found: Preview, t: float) -> tuple[list[float], list[float]]:
     """Where the arm begins and ends at an instant, or where a carriage is."""
-    known = np.flatnonzero(np.isfinite(found.t) & np.isfinite(found.theta))
+    times, angles, _ = found.course
+    known = np.flatnonzero(np.isfinite(times) & np.isfinite(angles))
     if not len(known):
         return [0.0, 0.0], [0.0, 0.0]
-    theta = float(found.theta[known[np.argmin(np.abs(found.t[known] - t))]])
-    if found.turns:
+    theta = float(angles[known[np.argmin(np.abs(times[known] - t))]])
+    if found.model.plant.turns:
         return [0.0, math.sin(theta)], [0.0, math.cos(theta)]
-    reach = float(np.nanmax(np.abs(found.theta))) or 1.0
+    reach = float(np.nanmax(np.abs(angles))) or 1.0
     return [0.0, theta / reach], [0.0, 0.0]

@@ -58,13 +58,13 @@ def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, 
     found = log_part.preview(session)
     assert not found.error
     assert log_part.arm(found, 0.0)[1][1] > 0.5
-    assert any("hanging" in note for note in found.notes)
+    assert any("hanging" in note for note in found.log.notes)
     values = {c: c for c in ("t", "theta", "theta_dot")} | {"torque": "u", "zero": "hanging", "plant": "rod"}
     session.save(log_part.changed(session.state, values | {"signs": []}, log_part.columns(session)[1]))
     found = log_part.preview(session)
     assert not found.error
     assert log_part.arm(found, 0.0)[1][1] < -0.5
-    assert not any("hanging" in note for note in found.notes)
+    assert not any("hanging" in note for note in found.log.notes)
 
 
 def test_a_preview_is_read_once(bench: Workbench, swing: Path) -> None:
@@ -196,7 +196,7 @@ def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, s
     options = session.state.log
     assert (options.hold_out, options.dt, options.begin, options.degrees) == (0.4, 0.04, 0.0, True)
     assert options.input is options.zero is None
-    assert "25 Hz" in log_part.preview(session).said
+    assert "25 Hz" in str(log_part.preview(session).log)
     log_part.change(session, {**form, "hold_out": -1.0})
     assert "hold" in log_part.preview(session).error
     log_part.change(session, form)
