@@ -26,7 +26,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.web import figures
 from sysid.web.layout import graph
-from sysid.web.session import BAGS, Session, SessionState
+from sysid.web.session import BAGS, Session
 
 OURS = {"t": "time", "theta": "angle", "theta_dot": "speed", "torque": "command"}
 CHOICES = {
@@ -125,25 +125,18 @@ def settle_columns(session: Session) -> None:
 
 
 def change(session: Session, values: Mapping[str, Any]) -> None:
-    """Keep what a form shows; the columns of another joint are looked at anew."""
-    before = session.state
-    session.save(changed(before, values, columns(session)[1]))
-    if session.state.log.joint != before.log.joint:
-        settle_columns(session)
-
-
-def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, str]) -> SessionState:
-    """The state with the settings that a form shows; `found` are the columns by our names that the form began with."""
+    """Keep the settings that a form shows; the columns of another joint are looked at anew."""
+    before, (_, found) = session.state, columns(session)
     told = [f"{ours}={values.get(ours) or ''}" for ours in OURS if values.get(ours) or ours in found]
     known = [part.strip() for part in (values.get("known") or "").replace(";", ",").split(",") if part.strip()]
     given: dict[str, Any] = {name: name in values.get("signs", ()) for name in FLAGS}
     given |= {name: None if values.get(name) is None else float(values[name]) for name in NUMBERS}
-    chosen: dict[str, Any] = {
-        n: None if values.get(n) == next(iter(own)) else values.get(n) for n, own in CHOICES.items()
-    }
-    start = replace(state.start, plant=chosen.pop("plant"), set=tuple(known))
+    given |= {n: None if values.get(n) == next(iter(own)) else values.get(n) for n, own in CHOICES.items()}
+    start = replace(before.start, plant=given.pop("plant"), set=tuple(known))
     joint = (values.get("joint") or "").strip()
-    return replace(state, log=replace(state.log, columns=",".join(told), joint=joint, **given, **chosen), start=start)
+    session.change(start=start, log=replace(before.log, columns=",".join(told), joint=joint, **given))
+    if joint != before.log.joint:
+        settle_columns(session)
 
 
 # ---- the form --------------------------------------------------------------------------------------------------------

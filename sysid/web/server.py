@@ -14,7 +14,7 @@ from dash import Dash
 from werkzeug.serving import BaseWSGIServer, make_server
 
 from sysid.cli.command_options import WorkbenchCommand as Command
-from sysid.cli.commands import completed, register_effects
+from sysid.cli.commands import completed
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout
 from sysid.web.bench import LARGEST_UPLOAD, Workbench
@@ -113,10 +113,7 @@ def make(folder: Path, host: str, port: int, token: str = "", effects: Path | No
 
 def serve(command: Command) -> None:
     """Serve until it is stopped; a log that was given has a session, the one that it had before if it had one."""
-    if command.log.files:
-        command = completed(command)
-    else:
-        register_effects(command.start.effects)
+    command = completed(command)
     log, start, host, folder = command.log, command.start, command.host, command.folder
     token = command.token or ("" if host in LOCAL else secrets.token_urlsafe(16))
     server, bench = make(folder, host, command.port, token, start.effects)
