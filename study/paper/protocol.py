@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import InvalidInput, Model, Record, RodPendulum, SemiImplicitEuler, Sensor, simulate
-from sysid.data.sensor import Readings
 from sysid.physics.ops import Array
 
 ROLLOUT_LENGTH = 200
@@ -40,16 +39,11 @@ class AveragedSensor(Sensor):
     """The errors of `PaperRollout.averaged`: theta_dot is the sd of a mean of two readings, and the first and the last
     instant of a rollout have one."""
 
-    def readings(self, record: Record) -> list[Readings]:
-        """All readings of a record, those of the ends apart."""
-        found: list[Readings] = []
-        for own in super().readings(record):
-            if own.channel == "theta":
-                found.append(own)
-                continue
-            for at, times in ((np.s_[1:-1], 1.0), (np.s_[[0, -1]], math.sqrt(2.0))):
-                found.append(Readings(own.channel, own.index[at], own.value[at], times * own.sd[at]))
-        return found
+    def readings(self, record: Record) -> tuple[Array, Array]:
+        """All readings of a record, and the sd of each."""
+        values, sds = super().readings(record)
+        sds[[0, -1], 1] *= math.sqrt(2.0)
+        return values, sds
 
 
 def averaged_sensor(sigma: float) -> Sensor:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sysid.data.digitisation import quantisation_step
 from sysid.data.record import Record
-from sysid.data.sensor import UNITS, Readings, Sensor
+from sysid.data.sensor import Sensor
 from sysid.physics.ops import Array
 
 AROUND = 0.5
@@ -31,44 +31,44 @@ STEADY = 0.05
 """Scatter of a steady command, at most, as a share of that of the whole log."""
 
 
-def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[list[Readings]]:
-    """The readings of each record of a log, with those of half a second at rest merged into one in its middle.
+def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[tuple[Array, Array]]:
+    """The readings of each record of a log, as `Sensor.readings` gives them, with those of half a second at rest merged
+    into one in its middle.
 
     The merged reading is their mean; its sd is no smaller than quantisation allows.
     """
     read = [sensor.readings(r) for r in records]
-    clear, rounded = set[str](), dict[str, float]()
-    for channel in UNITS:
-        own = [found for each in read for found in each if found.channel == channel]
-        values = [found.value[np.isfinite(found.value)] for found in own]
-        rounded[channel] = quantisation_step(values) if own else 0.0
-        if own and np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate([found.sd for found in own])):
-            clear.add(channel)
+    clear, rounded = np.zeros(2, dtype=bool), np.zeros(2)
+    for channel in range(2):
+        known = [np.isfinite(sds[:, channel]) for _, sds in read]
+        values, own = ([each[k][at, channel] for each, at in zip(read, known, strict=True)] for k in range(2))
+        rounded[channel] = quantisation_step(values)
+        if any(map(len, values)):
+            clear[channel] = np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate(own))
     least = STEADY * float(np.std(np.concatenate([r.u for r in records])))
-    merged = []
-    for record, found in zip(records, read, strict=True):
-        of = _representatives([own for own in found if own.channel in clear], record, least)
-        merged.append([_means(own, of, rounded[own.channel]) for own in found])
-    return merged
+    return [
+        _means(values, sds, _representatives(values, sds, clear, record, least), rounded)
+        for record, (values, sds) in zip(records, read, strict=True)
+    ]
 
 
-def _representatives(found: Sequence[Readings], record: Record, least: float) -> NDArray[np.intp]:
+def _representatives(
+    values: Array, sds: Array, clear: NDArray[np.bool_], record: Record, least: float
+) -> NDArray[np.intp]:
     """The index (N+1,) of the sample that stands for each sample: itself or, at rest, the middle one of half a second.
 
-    At rest no channel that shows the motion clearly, and is read at most samples, scatters by more than its noise, and
+    At rest no channel that shows the motion clearly, and is read at all samples, scatters by more than its noise, and
     the command scatters by `least` at most. If only the speed is read, it is also zero.
     """
-    count = len(record) + 1
-    half, at = max(FEWEST, round(AROUND / record.dt)), np.arange(count)
-    channels = {own.channel: own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count}
-    if not channels or count <= 2 * half:
+    half, at = max(FEWEST, round(AROUND / record.dt)), np.arange(len(record) + 1)
+    shows = clear & np.all(np.isfinite(sds), axis=0)
+    if not np.any(shows) or len(at) <= 2 * half:
         return at
     still = _moments(np.append(record.u, record.u[-1]), half)[1] <= least
-    for own in channels.values():
-        known = np.isfinite(own.value)
-        sd = STILL * float(np.median(own.sd[known]))
-        level, scatter = _moments(np.interp(at, own.index[known], own.value[known]), half)
-        still &= (scatter < sd) & (("theta" in channels) | (np.abs(level) < sd))
+    for channel in np.flatnonzero(shows):
+        sd = STILL * float(np.median(sds[:, channel]))
+        level, scatter = _moments(values[:, channel], half)
+        still &= (scatter < sd) & (shows[0] | (np.abs(level) < sd))
     for rest in np.split(at, np.flatnonzero(np.diff(still)) + 1):
         if still[rest[0]]:
             at[rest] = np.minimum(rest[0] + (rest - rest[0]) // half * half + half // 2, rest[-1])
@@ -84,12 +84,14 @@ def _moments(y: Array, half: int) -> tuple[Array, Array]:
     return mean + middle, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
-def _means(own: Readings, of: NDArray[np.intp], rounded: float) -> Readings:
+def _means(values: Array, sds: Array, of: NDArray[np.intp], rounded: Array) -> tuple[Array, Array]:
     """The readings merged into the samples that stand for them, as means weighted by precision."""
-    known = np.isfinite(own.value)
-    to, precision = of[own.index[known]], own.sd[known] ** -2.0
-    count, total, weighed = (np.bincount(to, w, len(of)) for w in (None, precision, precision * own.value[known]))
-    index = np.flatnonzero(count)
-    mean_sd, each_sd = total[index] ** -0.5, (count[index] / total[index]) ** 0.5
-    sd = np.maximum(mean_sd, np.minimum(each_sd, rounded / math.sqrt(12.0)))
-    return Readings(own.channel, index, weighed[index] / total[index], sd)
+    means, their_sds = np.zeros_like(values), np.full_like(sds, math.inf)
+    for k, (value, precision) in enumerate(zip(values.T, sds.T**-2.0, strict=True)):
+        sums = (np.bincount(of, weights, len(of)) for weights in (precision > 0.0, precision, precision * value))
+        count, total, weighed = sums
+        at = count > 0
+        mean_sd, each_sd = total[at] ** -0.5, (count[at] / total[at]) ** 0.5
+        means[at, k] = weighed[at] / total[at]
+        their_sds[at, k] = np.maximum(mean_sd, np.minimum(each_sd, rounded[k] / math.sqrt(12.0)))
+    return means, their_sds

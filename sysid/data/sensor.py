@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.jitter import speed_about
 from sysid.data.record import Record
@@ -16,16 +15,6 @@ from sysid.physics.simulate import Trajectory
 
 UNITS = {"theta": "rad", "theta_dot": "rad/s"}
 """The units of the channels for a plant that turns; `Plant.unit` translates them for another."""
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """Readings of "theta" or "theta_dot" at a record's instants `index` (K,): `value` (K,) with errors of `sd` (K,)."""
-
-    channel: str
-    index: NDArray[np.intp]
-    value: Array
-    sd: Array
 
 
 @dataclass(frozen=True)
@@ -75,21 +64,22 @@ class Sensor:
             records.append(Record(t, u, angle, speed, name=f"rollout {i}"))
         return records
 
-    def readings(self, record: Record) -> list[Readings]:
-        """The readings of each channel with a sd, and their sds; raises InvalidInput where the record lacks them."""
-        found: list[Readings] = []
-        for channel in UNITS:
-            sd = getattr(self, channel)
+    def readings(self, record: Record) -> tuple[Array, Array]:
+        """The readings (N+1, 2) of theta and theta_dot, and the sd of each; inf where nothing was read.
+
+        Raises InvalidInput where the record lacks a channel that has a sd.
+        """
+        values, sds = np.zeros((len(record) + 1, 2)), np.full((len(record) + 1, 2), math.inf)
+        for column, channel in enumerate(UNITS):
+            sd, value = getattr(self, channel), getattr(record, channel)
             if sd is None:
                 continue
-            value = getattr(record, channel)
             if value is None:
                 raise InvalidInput(f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}")
-            sds = np.full(len(value), sd)
+            values[: len(value), column], sds[: len(value), column] = value, sd
             if self.jitter and channel == "theta" and record.has_angles:
-                sds = np.hypot(sds, self.jitter * speed_about(value, record.dt))
-            found.append(Readings(channel, np.arange(len(value)), value, sds))
-        return found
+                sds[:, column] = np.hypot(sd, self.jitter * speed_about(value, record.dt))
+        return values, sds
 
 
 def check_sensor(sensor: Sensor) -> None:

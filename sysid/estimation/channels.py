@@ -57,7 +57,7 @@ def found_sensor(model: Model, records: Sequence[Record]) -> Sensor:
 
 def _angle_sd(records: Sequence[Record], sensor: Sensor) -> float:
     """The RMS error of the angle's readings, with the part that comes of their time stamps."""
-    variances = [own.sd**2 for r in records for own in sensor.readings(r) if own.channel == "theta" and r.has_angles]
+    variances = [sensor.readings(r)[1][:, 0] ** 2 for r in records if r.has_angles]
     return math.sqrt(float(np.mean(np.concatenate(variances)))) if variances else float(sensor.theta or 0.0)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records, extent_of
 from sysid.data.rests import readings_at_rest_merged
-from sysid.data.sensor import Readings, Sensor, check_sensor
+from sysid.data.sensor import Sensor, check_sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.torque_regression import slow_speed
@@ -56,28 +56,17 @@ class Samples:
             for begins in ([r.t for r in self.records], [r.time_since_start for r in self.records])
         )
         self.commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
-        self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
         read = readings_at_rest_merged(self.records, sensor)
-        for record, readings, begin in zip(self.records, read, self.first.tolist(), strict=False):
-            self._gather(record, readings, begin)
+        self.y = np.concatenate([values for values, _ in read])
+        self.weight = 1.0 / np.concatenate([sds for _, sds in read])
+        for record, begin in zip(self.records, self.first.tolist(), strict=False):
+            if record.starts_midway:  # for a while a model with a memory cannot predict what unknown commands left
+                blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
+                self.weight[begin : begin + blind] = 0.0
         self.shared = int(speeds_share and np.mean(self.weight[:, 0] > 0.0) <= 0.5)
 
     def __len__(self) -> int:
         return len(self.number)
-
-    def _gather(self, record: Record, readings: Sequence[Readings], begin: int) -> None:
-        for reading in readings:
-            channel = 0 if reading.channel == "theta" else 1
-            known = np.isfinite(reading.value)
-            at = begin + reading.index[known]
-            self.y[at, channel], self.weight[at, channel] = reading.value[known], 1.0 / reading.sd[known]
-        # the commands before such a record are not known: for a while a model with a memory cannot predict its readings
-        blind = (
-            min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
-            if record.starts_midway and record.time_since_start[0] > 0.0
-            else 0
-        )
-        self.weight[begin : begin + blind] = 0.0
 
     @property
     def reach(self) -> float:

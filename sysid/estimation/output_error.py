@@ -72,7 +72,7 @@ class Response:
         self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
         self.time, self.time_since_start = np.zeros((K, L + 1)), np.zeros((K, L + 1))
         self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
-        targets = [_targets(r, self.sensor) for r in self.records]
+        read = [self.sensor.readings(r) for r in self.records]
         for i, w in enumerate(self.windows):
             record, begin, count, lead = w.record, w.begin, w.count, w.lead
             self.interval[i, :count] = first[record] + begin + np.arange(count)
@@ -81,9 +81,9 @@ class Response:
                 self.records[record].t[0] + since,
                 self.records[record].time_since_start[0] + since,
             )
-            value, weight = targets[record]
-            self.y[i, :, : count + 1] = value[:, begin : begin + count + 1]
-            self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
+            values, sds = read[record]
+            self.y[i, :, : count + 1] = values[begin : begin + count + 1].T
+            self.weight[i, :, lead : count + 1] = 1.0 / sds[begin + lead : begin + count + 1].T
             if begin + count < len(self.records[record]):
                 self.weight[i, :, count] = 0.0  # that instant is the next window's first, and counts there
 
@@ -257,12 +257,3 @@ def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
     buffer.set_res(0, out.data)
     run()
     return out
-
-
-def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:
-    """Readings (2, n + 1) and their weights 1 / sd; 0 where nothing was read."""
-    value, weight = np.zeros((2, len(record) + 1)), np.zeros((2, len(record) + 1))
-    for reading in sensor.readings(record):
-        row = CHANNELS.index(reading.channel)
-        value[row, reading.index], weight[row, reading.index] = reading.value, 1.0 / reading.sd
-    return value, weight

@@ -63,8 +63,9 @@ def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
 
 def _misfit(states: Array, record: Record, sensor: Sensor) -> float:
     """The RMS of the readings less the states (N+1, 2), in units of the sensor's sd."""
-    errors = [(r.value - states[r.index, int(r.channel == "theta_dot")]) / r.sd for r in sensor.readings(record)]
-    return float(np.sqrt(np.nanmean(np.square(np.concatenate(errors)))))
+    values, sds = sensor.readings(record)
+    read = np.isfinite(sds)
+    return float(np.sqrt(np.mean(np.square((values - states)[read] / sds[read]))))
 
 
 def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Array:
@@ -77,9 +78,11 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
     """
     n, dt = len(record), record.dt
     normal = _NormalEquations(3 * (n + 1))
-    for reading in sensor.readings(record):
-        offset = 0 if reading.channel == "theta" else 1
-        normal.add([3 * reading.index + offset], [1.0], reading.sd, reading.value)
+    values, sds = sensor.readings(record)
+    for channel in range(2):
+        at = np.flatnonzero(np.isfinite(sds[:, channel]))
+        if len(at):
+            normal.add([3 * at + channel], [1.0], sds[at, channel], values[at, channel])
     k = 3 * np.arange(n)
     exact = 1e-3 * max(reach, sensor.theta_dot or 0.0)  # much less would drown in rounding
     normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)

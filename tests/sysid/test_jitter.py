@@ -43,9 +43,9 @@ def test_exact_stamps_show_none(step, seed):
 
 def test_a_reading_errs_by_the_speed_times_the_jitter():
     (record, *_) = spun(0.0)
-    (exact,), (late,) = (Sensor(theta=0.003, jitter=j).readings(record) for j in (0.0, 0.002))
-    assert np.all(exact.sd == 0.003)
-    np.testing.assert_allclose(late.sd, np.hypot(0.003, 0.002 * speed_about(record.theta, DT)))
+    exact, late = (Sensor(theta=0.003, jitter=j).readings(record)[1][:, 0] for j in (0.0, 0.002))
+    assert np.all(exact == 0.003)
+    np.testing.assert_allclose(late, np.hypot(0.003, 0.002 * speed_about(record.theta, DT)))
     truth = simulate(Model(FAST, dt=DT), np.zeros((1, N)), np.zeros(1), np.full(1, 30.0))
     read = Sensor(theta=0.003, jitter=0.002).measure(truth, np.random.default_rng(0))[0].theta
     assert np.std(read - truth.theta[0]) == pytest.approx(math.hypot(0.003, 0.06), rel=0.1)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from sysid import Coulomb, Effect, GeneralJoint, Model, Sensor, Viscous, read, simulate
+from sysid import Coulomb, Effect, GeneralJoint, Model, Viscous, read, simulate
 from sysid.data.spikes import spikes
 from sysid.planning.excitation import steps
 
@@ -94,4 +94,3 @@ def test_a_log_is_read_without_its_spikes(tmp_path) -> None:
     (record,) = log
     assert np.max(np.abs(np.asarray(record.theta) - seen)) < 0.02
     assert "2 rows with readings that jump away and back" in str(log)
-    assert Sensor(1e-3).readings(record)

@@ -233,10 +233,8 @@ class _Pass:
         self.rows = np.repeat(coordinates(np.zeros(len(names)))[:, None], 2 * self.size + 1, axis=1)
         self.model = model.with_parameters(dict(zip(names, self.rows, strict=True)))
         self.process = np.diag([*(np.square(settings.process_sd) * model.dt), *np.zeros(len(names))])
-        self.readings = _by_instant(settings.sensor, record)
-        channel, value, _ = self.readings[0]
-        self.start = np.array([math.pi, 0.0])
-        self.start[channel] = value
+        self.values, self.sds = settings.sensor.readings(record)
+        self.start = np.where(np.isfinite(self.sds[0]), self.values[0], [math.pi, 0.0])
         self.start_covariance = np.diag(np.square(settings.start_sd))
 
     def __call__(self, prior: _Gaussian, noisier: float) -> tuple[_Gaussian, Array, Array]:
@@ -256,14 +254,15 @@ class _Pass:
             _, self.memory = self.model.drive(u, self.memory)
         squares, count = np.zeros(2), np.zeros(2, dtype=int)
         with np.errstate(over="ignore", invalid="ignore"):
-            for k, (channel, value, variance) in enumerate(self.readings):
+            for k, (value, sd) in enumerate(zip(self.values, self.sds, strict=True)):
                 if k > 0:
                     kf.predict(UT=_transform, k=k - 1)
+                channel = np.flatnonzero(np.isfinite(sd))
                 if not np.all(np.isfinite(kf.sigmas_f)):
                     return _Gaussian(np.full_like(covariance, np.nan), mean), squares, count
                 if len(channel):
                     kf.residual_z = partial(residual, channel)
-                    kf.update(value, np.diag(noisier**2 * variance), UT=_transform, channel=channel)
+                    kf.update(value[channel], np.diag(noisier**2 * sd[channel] ** 2), UT=_transform, channel=channel)
                     kf.P = 0.5 * (kf.P + kf.P.T)
                     np.add.at(squares, channel, kf.y**2 / np.diag(kf.S))
                     np.add.at(count, channel, 1)
@@ -330,20 +329,6 @@ def square_root(P: Array) -> NDArray[np.floating[Any]]:
         size, direction = np.linalg.eigh(P / np.outer(scale, scale))
         root: Array = (scale[:, None] * direction * np.sqrt(np.maximum(size, 1e-12))).T
         return root
-
-
-def _by_instant(sensor: Sensor, record: Record) -> list[tuple[Index, Array, Array]]:
-    """For each instant, the channels that were read (indices into CHANNELS), the values and their variances."""
-    found: list[list[tuple[int, float, float]]] = [[] for _ in range(len(record) + 1)]
-    for reading in sensor.readings(record):
-        row = CHANNELS.index(reading.channel)
-        columns = (reading.index.tolist(), reading.value.tolist(), np.square(reading.sd).tolist())
-        for k, value, variance in zip(*columns, strict=True):
-            found[k].append((row, value, variance))
-    return [
-        (np.array([r[0] for r in f], dtype=np.intp), np.array([r[1] for r in f]), np.array([r[2] for r in f]))
-        for f in found
-    ]
 
 
 class Coordinates:
