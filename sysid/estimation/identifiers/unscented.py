@@ -15,7 +15,6 @@ from scipy.special import expit, logit
 
 from sysid.data.record import Record, check_direct, check_records
 from sysid.data.sensor import Sensor, check_sensor
-from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
 from sysid.estimation.output_error import CHANNELS
@@ -27,6 +26,16 @@ from sysid.physics.parameters import Parameter
 
 Index = NDArray[np.intp]
 
+PRIOR_SD = 1.5
+"""Prior sd of s about the model's own numbers; between two bounds 1.8 is close to uniform."""
+START_SD = (1.0, 10.0)
+"""Prior sd [rad], [rad/s] of a rollout's initial state."""
+GENTLE = (10.0, 3.0)
+"""Factors on the sensor's sd, one for each of the first sweeps."""
+SWEEPS, STARTS = 12, 3
+"""Sweeps from a start, and starts, at most."""
+ALPHA = 0.5
+"""Spread of the sigma points."""
 SETTLED = 0.1
 """Difference of the parameters, in units of their sd, below which two sweeps or two starts have come to one answer."""
 
@@ -38,52 +47,38 @@ class UnscentedKalman:
         x = (theta, theta_dot, s),   p = g(s),   s_(k+1) = s_k,   y_k = (theta, theta_dot)_k + sd * noise
 
     g maps the real line into a parameter's bounds (`Coordinates`), so that every sigma point is a model within its
-    bounds. In each rollout theta and theta_dot begin anew, with sd `start_sd` about the first readings (hanging at rest
-    if there are none), while s goes on. Every reading that the sensor has a noise for counts.
+    bounds. In each rollout theta and theta_dot begin anew, with sds of 1 rad and 10 rad/s about the first readings
+    (hanging at rest if there are none), while s goes on. Every reading that the sensor has a noise for counts.
 
     A single pass would judge the first rollouts with poor parameters. Several sweeps are therefore made, by expectation
     propagation (Minka, 2001; with the spread of posterior linearisation, Garcia-Fernandez et al., 2015). What a rollout
     says about s is a Gaussian factor: the filter's answer less its prior, in information form. The next sweep filters
     the rollout again, from a prior about all that is known by then, and replaces its factor. The answer is the product
-    of the factors and the prior, so that no reading counts twice. The first sweeps take the readings to be `gentle`
-    times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does not
-    settle, other starts are tried, until the readings are explained or two starts agree.
+    of the factors and the prior, so that no reading counts twice. The first sweeps take the readings to be ten and
+    three times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does
+    not settle, other starts are tried, until the readings are explained or two starts agree.
 
     Drives of input effects are evaluated at the sigma points; their memories are carried over by regression on s.
     A filter judges each reading by the motion as it is known then, not by the smoothed one. Where only speeds are read,
     coarsely, its errors therefore stay above the bound that LeastSquares reaches, and its intervals are too narrow for
     what no reading shows (a rollout at rest). Source: Wan & van der Merwe (2001), in filterpy's implementation.
-
-    prior_sd     prior sd of s about the model's own numbers (between two bounds 1.8 is close to uniform)
-    start_sd     prior sd [rad], [rad/s] of a rollout's initial state
-    process_sd   process noise: sd [rad], [rad/s] that it adds to the state in one second; 0 trusts the model
-    gentle       factors on the sensor's sd, one for each of the first sweeps
-    alpha        spread of the sigma points, in (0, 1]
     """
 
     parameters: Sequence[str] = ("m", "l")
     sensor: Sensor = Sensor(theta=0.01, theta_dot=1.0)
-    prior_sd: float = 1.5
-    start_sd: tuple[float, float] = (1.0, 10.0)
-    process_sd: tuple[float, float] = (0.0, 0.0)
-    gentle: tuple[float, ...] = (10.0, 3.0)
-    sweeps: int = 12
-    starts: int = 3
-    alpha: float = 0.5
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The estimate; raises InvalidInput for unusable records, names or settings."""
+        """The estimate; raises InvalidInput for unusable records or names."""
         free = free_parameters(model, self.parameters)
         check_direct(model, "UnscentedKalman")
         records = check_records(model, records)
         check_sensor(self.sensor)
-        self._check()
         coordinates = Coordinates(free)
         passes = [_Pass(self, model, coordinates, r) for r in records]
         own = np.array([float(p.value) for p in free])
-        prior = _Gaussian.of(coordinates.inverse(own), self.prior_sd**2 * np.eye(len(free)))
+        prior = _Gaussian.of(coordinates.inverse(own), PRIOR_SD**2 * np.eye(len(free)))
         found: list[_Found] = []
-        for start in islice(parameter_starts(free), self.starts):
+        for start in islice(parameter_starts(free), STARTS):
             here = self._sweep(passes, prior, coordinates.inverse(start))
             agreed = any(here.moved_from(other.known) < SETTLED for other in found if other.settled)
             found.append(here)
@@ -92,30 +87,14 @@ class UnscentedKalman:
         best = min(found, key=lambda f: (not f.settled, f.misfit))
         return self._estimate(model, coordinates, best, len(found))
 
-    def _check(self) -> None:
-        positive = {"prior_sd": (self.prior_sd,), "start_sd": self.start_sd, "gentle": self.gentle}
-        for name, values in positive.items():
-            if not all(v > 0.0 and math.isfinite(v) for v in values):
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected positive numbers")
-        if not all(v >= 0.0 and math.isfinite(v) for v in self.process_sd):
-            raise InvalidInput(f"process_sd = {self.process_sd}: expected numbers >= 0 [rad], [rad/s]")
-        if not 0.0 < self.alpha <= 1.0:
-            raise InvalidInput(f"alpha = {self.alpha}: expected 0 < alpha <= 1")
-        if self.sweeps < len(self.gentle) + 2 or self.starts < 1:
-            least = len(self.gentle) + 2
-            raise InvalidInput(
-                f"sweeps = {self.sweeps}, starts = {self.starts}: expected at least {least} sweeps "
-                f"({len(self.gentle)} of them gentle) and 1 start"
-            )
-
     def _sweep(self, passes: Sequence[_Pass], prior: _Gaussian, start: Array) -> _Found:
         """Sweeps from s = start (P,) until the estimate has settled."""
         nothing = _Gaussian(0.0 * prior.precision, 0.0 * prior.shift)
         factors = [nothing] * len(passes)
         # the filter only begins at the start; the prior stays about the model's own numbers
         total, known = prior, _Gaussian(prior.precision, prior.precision @ start)
-        for sweep in range(self.sweeps):
-            noisier = self.gentle[sweep] if sweep < len(self.gentle) else 1.0
+        for sweep in range(SWEEPS):
+            noisier = GENTLE[sweep] if sweep < len(GENTLE) else 1.0
             before = known
             squares, count = np.zeros(2), np.zeros(2, dtype=int)
             for i, rollout in enumerate(passes):
@@ -129,7 +108,7 @@ class UnscentedKalman:
                 squares, count = squares + own_squares, count + own_count
             known = total
             here = _Found(known, squares, count, sweep + 1, settled=False)
-            if sweep > len(self.gentle) and here.moved_from(before) < SETTLED:
+            if sweep > len(GENTLE) and here.moved_from(before) < SETTLED:
                 return replace(here, settled=True)
         return here
 
@@ -226,16 +205,13 @@ class _Pass:
         self.record, self.coordinates, self.begin = record, coordinates, float(record.time_since_start[0])
         names = tuple(settings.parameters)
         self.size = 2 + len(names)
-        self.points = MerweScaledSigmaPoints(
-            self.size, alpha=settings.alpha, beta=2.0, kappa=0.0, sqrt_method=square_root
-        )
+        self.points = MerweScaledSigmaPoints(self.size, ALPHA, beta=2.0, kappa=0.0, sqrt_method=square_root)
         # the model reads its numbers from these rows: writing to them changes it without another check of bounds
         self.rows = np.repeat(coordinates(np.zeros(len(names)))[:, None], 2 * self.size + 1, axis=1)
         self.model = model.with_parameters(dict(zip(names, self.rows, strict=True)))
-        self.process = np.diag([*(np.square(settings.process_sd) * model.dt), *np.zeros(len(names))])
         self.values, self.sds = settings.sensor.readings(record)
         self.start = np.where(np.isfinite(self.sds[0]), self.values[0], [math.pi, 0.0])
-        self.start_covariance = np.diag(np.square(settings.start_sd))
+        self.start_covariance = np.diag(np.square(START_SD))
 
     def __call__(self, prior: _Gaussian, noisier: float) -> tuple[_Gaussian, Array, Array]:
         """The posterior of s after this rollout; the sums (2,) of the squared whitened innovations, and their numbers.
@@ -244,7 +220,7 @@ class _Pass:
         """
         mean, covariance = prior.moments()
         kf = _filter()(self.size, 1, self.model.dt, lambda x, channel: x[channel], self._move, self.points)
-        kf.Q = self.process
+        kf.Q = np.zeros((self.size, self.size))
         kf.x = np.concatenate([self.start, mean])
         kf.P = np.block([[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]])
         kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
