@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
@@ -10,10 +9,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from sysid.data.checks import rate_mismatch
-from sysid.data.log_files import Source
-from sysid.data.table import Table, TimeWindow, cropped
+from sysid.data.table import Table
 from sysid.errors import InvalidInput, check_kind
-from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
 
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
@@ -166,18 +163,17 @@ def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[Time
     )
 
 
-def in_seconds(
-    source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
-) -> Table:
-    """The columns of the rows in the window, with t converted to seconds and a note if it was."""
-    everything = math.isinf(window.begin) and math.isinf(window.end)
-    table = source.load(chosen, window.most if everything else RAW_ROWS)
+def in_seconds(name: str, title: str, table: Table, unit: TimeUnit | None, notes: list[str]) -> Table:
+    """The table with t converted to seconds, and a note if it was inferred that it counts something else.
+
+    `name` and `title` are those of the log and of its column t.
+    """
     if unit is None:
-        unit, reason = _found_unit(source.name, chosen["t"], table)
+        unit, reason = _found_unit(name, title, table)
         note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
         if unit != "s" and note not in notes:
             notes.append(note)
-    return cropped(source.name, table | {"t": table["t"] / PER_SECOND[unit]}, window)
+    return table | {"t": table["t"] / PER_SECOND[unit]}
 
 
 # ---- signs -----------------------------------------------------------------------------------------------------------

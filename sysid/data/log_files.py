@@ -39,13 +39,13 @@ class Source:
     name   what sentences call it
     title  what its rollouts are called
     names  reads the names of its columns; raises InvalidInput for what is no log
-    load   reads columns {our name: the log's name}, at most `most` rows of text; missing numbers are nan
+    load   reads columns {our name: the log's name}; missing numbers are nan
     """
 
     name: str
     title: str
     names: Callable[[], tuple[str, ...]]
-    load: Callable[[Mapping[str, str], int], Table]
+    load: Callable[[Mapping[str, str]], Table]
 
 
 def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
@@ -101,7 +101,7 @@ def _file(path: Path, title: str, joint: str) -> Source:
 def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Mapping[str, Any]]) -> Source:
     """A Source of whole arrays; `read` gives the columns that are wanted or, for None, the names of all."""
 
-    def load(columns: Mapping[str, str], most: int) -> Table:
+    def load(columns: Mapping[str, str]) -> Table:
         return rows_of(name, {ours: column(name, columns[ours], values) for ours, values in read(columns).items()})
 
     return Source(name, title, lambda: tuple(read(None)), load)

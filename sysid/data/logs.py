@@ -15,9 +15,9 @@ from sysid.data.columns import Command, TimeUnit, chosen_columns, in_seconds, li
 from sysid.data.free_part import free_part
 from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
-from sysid.data.table import Table, TimeWindow
+from sysid.data.table import Table
 from sysid.errors import InvalidInput, check_kind, is_real
-from sysid.limits import LOG_ROWS, RAW_ROWS
+from sysid.limits import LOG_ROWS, check_size
 from sysid.physics.plants import Plant
 
 File = str | PathLike[str] | Any
@@ -174,25 +174,31 @@ def read(
         _check_choice(name, said_so, (True, False))
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
-    sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns, command), _window(begin, end, dt)
+    low, high = _window(begin, end, dt)
+    sources, wanted = log_files.sources(paths, joint), wanted_columns(columns, command)
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:
         chosen = chosen_columns(source.name, source.names(), wanted, command)
         other = None if "torque" in {*chosen, *wanted} else likely_columns(source.names(), chosen).get("torque")
-        if other and np.any(np.isfinite(source.load({"t": chosen["t"], "torque": other}, window.most)["torque"])):
+        if other and np.any(np.isfinite(source.load({"t": chosen["t"], "torque": other})["torque"])):
             notes.append(f"{source.name}: column {other!r} is not read: is it the torque (columns torque={other})?")
-        table, said = with_signs(source.name, in_seconds(source, chosen, window, time_unit, notes), chosen)
+        whole = in_seconds(source.name, chosen["t"], source.load(chosen), time_unit, notes)
+        inside = ~((whole["t"] < low) | (whole["t"] > high))
+        table, said = with_signs(source.name, {name: column[inside] for name, column in whole.items()}, chosen)
         notes += said
         if len(table["t"]) == 0:
-            span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
+            span = f" between {low:g} and {high:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{source.name} has no rows{span}")
+        if dt is None:
+            advice = "in a window (begin, end) or at a longer sample interval (dt)"
+            check_size(f"{source.name}: rows:", len(table["t"]), LOG_ROWS, advice)
         checks.check_magnitude(source.name, table, chosen)
         table = _complete(source.name, table, chosen, notes)
         checks.check_time(source.name, table, chosen)
         for name, part in _rollouts(source.title, table):
-            whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
-            notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
+            known = np.all([np.isfinite(column) for column in part.values()], axis=0)
+            notes += checks.check_columns(name, {key: column[known] for key, column in part.items()})
             rollouts.append(_rows(name, part, hanging, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
     records = tuple(replace(record, command=command) for record in records)
@@ -218,14 +224,14 @@ def _check_choice(name: str, value: object, choices: Sequence[object]) -> None:
         raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(map(str, choices))}")
 
 
-def _window(begin: float | None, end: float | None, dt: float | None) -> TimeWindow:
+def _window(begin: float | None, end: float | None, dt: float | None) -> tuple[float, float]:
     for name, value in (("begin", begin), ("end", end), ("dt", dt)):
         if value is not None and not is_real(value):
             raise InvalidInput(f"{name} = {value!r}: expected a number of seconds")
     low, high = -math.inf if begin is None else begin, math.inf if end is None else end
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
-    return TimeWindow(low, high, LOG_ROWS if dt is None else RAW_ROWS)
+    return low, high
 
 
 # ---- rows ------------------------------------------------------------------------------------------------------------

@@ -1,40 +1,17 @@
-"""Tables: named columns of numbers, how they are made from arrays, and how they are cropped."""
+"""Tables: named columns of numbers, and how they are made from arrays."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from sysid.errors import InvalidInput, excerpt
-from sysid.limits import LOG_ROWS
 from sysid.physics.ops import Array
 
 Table = dict[str, Array]
-
-
-class TimeWindow(NamedTuple):
-    """The rows that are wanted: begin <= t <= end [s], and no more than `most` of them."""
-
-    begin: float = -math.inf
-    end: float = math.inf
-    most: int = LOG_ROWS
-
-
-def check_kept(name: str, kept: int, rows: int, most: int) -> None:
-    """Raise InvalidInput if more than `most` rows are kept of a log of that name, which has about `rows`."""
-    if kept > most:
-        raise InvalidInput(
-            f"{name} has about {_round(rows):,} rows, and more than {most:,} of them were asked for: "
-            "cut a window (begin, end) or ask for a longer sample interval (dt)"
-        )
-
-
-def _round(rows: float) -> int:
-    size = 10 ** max(int(math.log10(max(rows, 1.0))) - 1, 0)
-    return int(round(rows / size) * size)
 
 
 def column(name: str, title: str, values: Any) -> Array:
@@ -64,10 +41,3 @@ def rows_of(name: str, columns: Mapping[str, Array]) -> Table:
         elif len(values) != rows:
             raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, t has {rows}")
     return table
-
-
-def cropped(name: str, table: Mapping[str, Array], window: TimeWindow) -> Table:
-    """The rows of a table inside a window, and those without a time."""
-    inside = ~((table["t"] < window.begin) | (table["t"] > window.end))
-    check_kept(name, int(inside.sum()), inside.size, window.most)
-    return {title: values[inside] for title, values in table.items()}

@@ -12,8 +12,9 @@ from typing import TextIO
 
 import numpy as np
 
-from sysid.data.table import Table, check_kept
+from sysid.data.table import Table
 from sysid.errors import InvalidInput
+from sysid.limits import RAW_ROWS, check_size
 from sysid.physics.ops import Array
 
 CHUNK = 1 << 24
@@ -73,24 +74,19 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def load_text(path: Path, columns: Mapping[str, str], most: int) -> Table:
+def load_text(path: Path, columns: Mapping[str, str]) -> Table:
     """The columns {our name: the file's name}; missing numbers are nan.
 
-    Raises InvalidInput, with the place, for text where a number is expected, and as soon as there are more than `most`
-    rows.
+    Raises InvalidInput, with the place, for text where a number is expected, and as soon as there are too many rows.
     """
     with _text(path) as file:
         names, delimiter, number = _header(path, file)
         where = [names.index(c) for c in columns.values()]
         blocks = [np.empty((0, len(where)))]
-        characters = rows = 0
         while lines := file.readlines(CHUNK):
-            block = _numbers(path, lines, delimiter, where, names, number)
+            blocks.append(_numbers(path, lines, delimiter, where, names, number))
             number += len(lines)
-            rows += len(block)
-            characters += sum(map(len, lines))
-            check_kept(path.name, rows, int(rows * max(path.stat().st_size / characters, 1.0)), most)
-            blocks.append(block)
+            check_size(f"{path.name}: rows:", sum(map(len, blocks)), RAW_ROWS)
     return dict(zip(columns, np.concatenate(blocks).T.copy(), strict=True))
 
 

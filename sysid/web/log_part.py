@@ -21,7 +21,6 @@ from sysid.data.logs import Log
 from sysid.data.record import in_a_row
 from sysid.data.splitting import split
 from sysid.errors import InvalidInput
-from sysid.limits import RAW_ROWS
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.web import figures
@@ -112,7 +111,7 @@ def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
     log, (found, chosen) = session.state.log, columns(session)
     try:
-        table = sources(log.files[:1], log.joint)[0].load(chosen, RAW_ROWS)
+        table = sources(log.files[:1], log.joint)[0].load(chosen)
     except InvalidInput:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
