@@ -1,17 +1,14 @@
 """Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
 
-Each reader takes a path and the columns that are wanted, {our name: the file's name}, or None for the names alone. None
-of them loads a pickle. Those in READERS rest on compiled libraries and also take the name of a joint; they are called
-in a process in which a crash harms nothing (`sysid.data.guarded`).
+Each reader takes a path, the columns that are wanted, {our name: the file's name}, or None for the names alone, and the
+name of a joint, which bags have. None of them loads a pickle. They rest on compiled libraries, and are called in a
+process in which a crash harms nothing (`sysid.data.guarded`).
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -22,42 +19,20 @@ from sysid.data.bag import read_bag
 from sysid.data.table import seconds
 from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS, check_size
-from sysid.physics.ops import Array
 
 Columns = Mapping[str, str] | None
 
 
-@contextmanager
-def foreign(path: Path, expected: str) -> Iterator[None]:
-    """Turn any error of a reader into one sentence, since a damaged file may raise anything."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except (InvalidInput, MemoryError):
-        raise
-    except Exception:
-        raise InvalidInput(f"{path.name} is not {expected}") from None
-
-
-def read_npz(path: Path, columns: Columns = None) -> dict[str, Any]:
-    """NumPy's .npz, read from its bytes: no array is unpickled, and none is larger than the bytes that are there."""
-    with foreign(path, "an .npz file of plain arrays: expected one as numpy.savez makes it"), ZipFile(path) as file:
+def _npz(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """NumPy's .npz, without arrays of objects, which are pickled."""
+    with ZipFile(path) as file:
         sizes = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
-        if columns is None:
-            return dict.fromkeys(sizes)
-        for name in columns.values():
-            check_size(f"{path.name}: numbers in {name!r}:", sizes[name] / 8.0, RAW_ROWS)
-        return {ours: _plain_array(file.read(f"{name}.npy")) for ours, name in columns.items()}
-
-
-def _plain_array(content: bytes) -> Array:
-    """The array of an .npy file, with as many numbers as there are bytes, whatever its header claims."""
-    file = BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran, kind = read_header(file)
-    return np.frombuffer(content, kind, offset=file.tell()).reshape(shape, order="F" if fortran else "C").astype(float)
+    if columns is None:
+        return dict.fromkeys(sizes)
+    for name in columns.values():
+        check_size(f"{path.name}: numbers in {name!r}:", sizes[name] / 8.0, RAW_ROWS)
+    with np.load(path, allow_pickle=False) as arrays:
+        return {ours: arrays[name] for ours, name in columns.items()}
 
 
 def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -134,6 +109,7 @@ def _numbers(path: Path, name: str, values: Any) -> Any:
 
 
 READERS: dict[str, tuple[Callable[[Path, Columns, str], dict[str, Any]], str]] = {
+    "npz": (_npz, "an .npz file of plain arrays: expected one as numpy.savez makes it"),
     "mat": (_mat, "a .mat file: expected one as MATLAB's save makes it"),
     "hdf5": (_hdf5, "an HDF5 or MATLAB v7.3 file that is whole"),
     "parquet": (_parquet, "a Parquet file that is whole"),

@@ -19,9 +19,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from sysid.data.foreign_files import READERS, foreign
+from sysid.data.foreign_files import READERS
 from sysid.data.table import column
 from sysid.errors import InvalidInput
+from sysid.physics.ops import Array
 
 MEMORY = 6 << 30
 """Bytes of memory that the process may take."""
@@ -49,21 +50,19 @@ class Reader:
         """Whether it can be asked: it runs, and this object is no copy that a fork has made."""
         return self.owner == os.getpid() and self.process.poll() is None
 
-    def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Ask a question and return the answer, its columns as arrays. Raises EOFError if the process ends over it."""
+    def ask(self, *question: Any) -> tuple[str, dict[str, Array]]:
+        """Why a file is refused, empty if it is not, and its columns. Raises EOFError if the process ends over it."""
         assert self.process.stdin and self.process.stdout
         late = threading.Timer(SECONDS, self.process.kill)
         late.start()
         try:
             self.process.stdin.write(json.dumps(question).encode() + b"\n")
             self.process.stdin.flush()
-            answer: dict[str, Any] = json.loads(self.process.stdout.readline())
-            for title, size in answer.get("columns", {}).items():
-                content = self.process.stdout.read(8 * size)
-                if len(content) < 8 * size:
-                    raise EOFError
-                answer["columns"][title] = np.frombuffer(content).copy()
-            return answer
+            refused, sizes = json.loads(self.process.stdout.readline())
+            found = {title: self.process.stdout.read(8 * size) for title, size in sizes.items()}
+            if any(len(found[title]) < 8 * size for title, size in sizes.items()):
+                raise EOFError
+            return refused, {title: np.frombuffer(content).copy() for title, content in found.items()}
         except (BrokenPipeError, ValueError):
             raise EOFError from None
         finally:
@@ -79,8 +78,8 @@ _reader: Reader | None = None
 _lock = threading.Lock()
 
 
-def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
-    """Run a reader of `sysid.data.foreign_files` in the guarded process, and return what it finds.
+def read_guarded(kind: str, path: Path, joint: str, columns: Mapping[str, str] | None) -> dict[str, Array]:
+    """Run a reader of `sysid.data.foreign_files` in the guarded process, and return its columns; empty ones for None.
 
     Raises InvalidInput as the reader does, and where it crashes, takes too long or needs too much memory.
     """
@@ -88,9 +87,8 @@ def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None
     with _lock:
         if _reader is None or not _reader.ready:
             _reader = Reader()  # it ends when its input does: with this program
-        question = {"kind": kind, "path": os.fspath(path.absolute()), "columns": columns, "joint": joint}
         try:
-            answer = _reader.ask(question)
+            refused, found = _reader.ask(kind, os.fspath(path.absolute()), columns, joint)
         except BaseException as error:
             _reader.end()
             if not isinstance(error, EOFError):
@@ -98,9 +96,9 @@ def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None
             raise InvalidInput(
                 f"{path.name} crashes or stalls the reader of its format: it is damaged, or not what it claims to be"
             ) from None
-    if "refused" in answer:
-        raise InvalidInput(answer["refused"])
-    return answer["columns"] if columns is not None else dict.fromkeys(answer["names"])
+    if refused:
+        raise InvalidInput(refused)
+    return found
 
 
 def answer_questions() -> None:
@@ -109,7 +107,7 @@ def answer_questions() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
-        _answer(out, **json.loads(line))
+        _answer(out, *json.loads(line))
         out.flush()
 
 
@@ -122,20 +120,16 @@ def _limit() -> None:
 
 
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
-    name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
+    (reader, expected), name, arrays, refused = READERS[kind], Path(path).name, dict[str, Array](), ""
     try:
-        reader, expected = READERS[kind]
-        with foreign(Path(path), expected):
-            found = reader(Path(path), columns, joint)
-        if columns is None:
-            answer["names"] = list(found)
-        else:
-            arrays = {ours: column(name, columns[ours], values) for ours, values in found.items()}
-            answer["columns"] = {ours: len(values) for ours, values in arrays.items()}
+        found = reader(Path(path), columns, joint)
+        arrays = {n: np.empty(0) if columns is None else column(name, columns[n], v) for n, v in found.items()}
     except InvalidInput as refusal:
-        answer["refused"] = str(refusal)
+        refused = str(refusal)
     except MemoryError:
-        answer["refused"] = f"{name} needs more memory than its reader is given"
-    out.write(json.dumps(answer).encode() + b"\n")
+        refused = f"{name} needs more memory than its reader is given"
+    except Exception:  # a damaged file may raise anything
+        refused = f"{name} is not {expected}"
+    out.write(json.dumps([refused, {n: len(v) for n, v in arrays.items()}]).encode() + b"\n")
     for values in arrays.values():
         out.write(values.tobytes())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data import foreign_files, guarded, text_files
+from sysid.data import text_files
 from sysid.data.bag import MCAP
 from sysid.data.files import check_input, check_installed, full_path, named
+from sysid.data.guarded import read_guarded
 from sysid.data.table import Table, column, rows_of, seconds
 from sysid.errors import InvalidInput, check_kind, printable
 
@@ -38,20 +39,21 @@ class Source:
 
     name   what sentences call it
     title  what its rollouts are called
-    names  reads the names of its columns; raises InvalidInput for what is no log
+    names  the names of its columns
     load   reads columns {our name: the log's name}; missing numbers are nan
     """
 
     name: str
     title: str
-    names: Callable[[], tuple[str, ...]]
+    names: tuple[str, ...]
     load: Callable[[Mapping[str, str]], Table]
 
 
-def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
+def sources(given: Iterable[Any], joint: str = "") -> Iterator[Source]:
     """A Source for each path or DataFrame; its rollouts have the file's name, with the folder where two names agree.
 
-    Raises InvalidInput for a file that cannot be read or is given twice, and if a joint is asked for of what is no bag.
+    Raises InvalidInput for what is no log, for a file that cannot be read or is given twice, and if a joint is asked
+    for of what is no bag.
     """
     logs = [log for one in given for log in (one if _is_several(one) else [one])]
     if not logs:
@@ -64,17 +66,16 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
         if paths.count(path) > 1:
             raise InvalidInput(f"{path.name} is given twice: what is held out of one would be fitted in the other")
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
-    found, frame = [], 0
+    frame = 0
     for log in logs:
         if _is_frame(log):
             frame += 1
             name = f"DataFrame {frame}" if frames > 1 else "DataFrame"
-            found.append(_arrays(name, name, partial(_frame, log, name)))
+            yield _arrays(name, name, partial(_frame, log, name))
         else:
             path = Path(log)
             title = f"{path.parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
-            found.append(_file(path, title, joint))
-    return found
+            yield _file(path, title, joint)
 
 
 def _is_several(log: Any) -> bool:
@@ -90,12 +91,10 @@ def _file(path: Path, title: str, joint: str) -> Source:
     if joint and kind != "bag":
         raise InvalidInput(f"{path.name} has no joints to choose from: expected a ROS 2 bag or MCAP file")
     if kind == "text":
-        return Source(path.name, title, partial(text_files.header, path), partial(text_files.load_text, path))
-    if kind == "npz":
-        return _arrays(path.name, title, partial(foreign_files.read_npz, path))
+        return Source(path.name, title, text_files.header(path), partial(text_files.load_text, path))
     if kind in NEEDS:
         check_installed(NEEDS[kind], "files", f"{path.name}: reading its format ({kind})")
-    return _arrays(path.name, title, partial(guarded.read_guarded, kind, path, joint=joint))
+    return _arrays(path.name, title, partial(read_guarded, kind, path, joint))
 
 
 def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Mapping[str, Any]]) -> Source:
@@ -104,7 +103,7 @@ def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Ma
     def load(columns: Mapping[str, str]) -> Table:
         return rows_of(name, {ours: column(name, columns[ours], values) for ours, values in read(columns).items()})
 
-    return Source(name, title, lambda: tuple(read(None)), load)
+    return Source(name, title, tuple(read(None)), load)
 
 
 def _kind(path: Path) -> str:
@@ -126,14 +125,9 @@ def _kind(path: Path) -> str:
 
 
 def _is_mat_4(begin: bytes) -> bool:
-    """Whether a file begins as MATLAB's version 4: five integers, the first of which is a type, M0PT in decimals."""
-    for order in ("<i4", ">i4") if len(begin) >= 20 else ():
-        kind, rows, columns, imaginary, length = np.frombuffer(begin[:20], order).tolist()
-        machine, zero, precision, form = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10
-        known = 0 <= machine < 5 and zero == 0 and precision < 6 and form < 3
-        if known and min(rows, columns) >= 0 and imaginary in (0, 1) and 0 < length < 1000:
-            return True
-    return False
+    """Whether a file begins as MATLAB's version 4: with the type of a matrix, its size, and the length of its name."""
+    heads = [np.frombuffer(begin[:20], order).tolist() for order in ("<i4", ">i4")] if len(begin) >= 20 else []
+    return any(0 <= kind < 5000 and imaginary in (0, 1) and 0 < name < 1000 for kind, _, _, imaginary, name in heads)
 
 
 def _frame(frame: Any, name: str, columns: Mapping[str, str] | None) -> dict[str, Any]:

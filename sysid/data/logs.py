@@ -179,8 +179,8 @@ def read(
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:
-        chosen = chosen_columns(source.name, source.names(), wanted, command)
-        other = None if "torque" in {*chosen, *wanted} else likely_columns(source.names(), chosen).get("torque")
+        chosen = chosen_columns(source.name, source.names, wanted, command)
+        other = None if "torque" in {*chosen, *wanted} else likely_columns(source.names, chosen).get("torque")
         if other and np.any(np.isfinite(source.load({"t": chosen["t"], "torque": other})["torque"])):
             notes.append(f"{source.name}: column {other!r} is not read: is it the torque (columns torque={other})?")
         whole = in_seconds(source.name, chosen["t"], source.load(chosen), time_unit, notes)

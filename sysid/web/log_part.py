@@ -99,7 +99,7 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     log = session.state.log
     command = log.input or "torque"
     try:
-        found = sources(log.files[:1], log.joint)[0].names()
+        found = next(sources(log.files[:1], log.joint)).names
         told = wanted_columns(log.columns, command)
     except InvalidInput:  # the preview says why
         return (), {}
@@ -111,7 +111,7 @@ def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
     log, (found, chosen) = session.state.log, columns(session)
     try:
-        table = sources(log.files[:1], log.joint)[0].load(chosen)
+        table = next(sources(log.files[:1], log.joint)).load(chosen)
     except InvalidInput:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
