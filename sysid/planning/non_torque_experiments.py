@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from sysid.estimation.fit import free
 from sysid.physics.effects.actuation import TorqueGain
 from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
-from sysid.physics.ops import Array
 from sysid.physics.plants import GRAVITY
 from sysid.planning.excitation import rest_angle
 from sysid.planning.planned_experiment import Experiment
@@ -29,7 +26,6 @@ _ANSWERS = {
     f"{part} does not"
     for late, part in (("delay", "machine"), ("sensor_delay", "sensor"))
 }
-_ORDERS = {"m": "weigh the moving part (m)", "l": "measure its length (l)", "g": "look up gravity (g)"}
 
 
 def never(names: Sequence[str]) -> bool:
@@ -40,8 +36,8 @@ def never(names: Sequence[str]) -> bool:
 def non_torque_experiment(model: Model, names: Sequence[str], after: float | None = None) -> Experiment:
     """An experiment for effects ("torque_gain") or parameters ("m", "rotor_inertia.J_r") that no torque tells apart.
 
-    Back-EMF shows against friction with the driver off; what shows as an inertia or a gravity torque, with a payload, a
-    scale or a ruler, whichever is least labour. `after` is the evidence that the best torque would bring, if known.
+    Back-EMF shows against friction with the driver off; what shows as an inertia or a gravity torque, with a payload or
+    a scale. `after` is the evidence that the best torque would bring, if known.
     """
     owners = {name: p.owner or name for name, p in model.parameters.items()}
     names = tuple(dict.fromkeys(owners.get(n, n) for n in names))
@@ -63,26 +59,31 @@ def non_torque_experiment(model: Model, names: Sequence[str], after: float | Non
 
 
 def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
-    """The least labour by which every parameter of the class shows: a payload, a scale, both, or a ruler as well."""
+    """The labour by which every parameter of the class shows.
+
+    A payload of known inertia and weight shows the torque gain and gravity; then the motion shows J and G. What else is
+    a part of J shows once the moving part was weighed.
+    """
     fitted = free(model)
     for kind in (TorqueGain, RotorInertia):
         if kind.name in names and kind.name not in {e.name for e in model.effects}:
             model = model.with_effect(kind())
-    plant = tuple(n for n in model.plant.parameters if n in fitted or n in names)
-    unknown = (*plant, *(model.names_of(e.name)[0] for e in model.effects if e.inertial))
-    mass, distance = payload(model)
-    hung = f"hang {mass:g} kg on it, {distance:g} m from the axis"
-    place = hung if model.plant.turns else f"load it with {mass:g} kg"
-    shown = _shown(model, unknown, (mass, distance))
-    for known in ((), ("m",), ("m", "l"), ("m", "l", "g")):
-        left = [i for i, n in enumerate(unknown) if n not in known]
-        for rows, loaded in ((shown[:2], []), (shown, [f"{place}, and play the same with it and without"])):
-            labour = [*(_ORDERS[k] for k in known), *loaded]
-            if labour and set(known) <= set(unknown) and _rank(rows[:, left]) == len(left):
-                others = " and ".join(unknown[i] for i in left) or "the rest"
-                told = f"{' and '.join(labour)}: then the motion shows {others}, which no torque alone tells apart."
-                return Experiment("none", told, unknown)
-    told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+    added = [e.name for e in model.effects if e.inertial]
+    plant = [n for n in model.plant.parameters if n in fitted or n in names]
+    unknown = (*plant, *(model.names_of(name)[0] for name in added))
+    parts, labour = any(name != TorqueGain.name for name in added), list[str]()
+    if parts and "m" not in plant:
+        told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+        return Experiment("none", told, unknown)
+    if parts:
+        labour.append("weigh the moving part (m)")
+    if TorqueGain.name in added or "g" in plant or not parts:
+        mass, distance = payload(model)
+        hung = f"hang {mass:g} kg on it, {distance:g} m from the axis"
+        place = hung if model.plant.turns else f"load it with {mass:g} kg"
+        labour.append(f"{place}, and play the same with it and without")
+    others = " and ".join(n for n in unknown if not (parts and n == "m")) or "the rest"
+    told = f"{' and '.join(labour)}: then the motion shows {others}, which no torque alone tells apart."
     return Experiment("none", told, unknown)
 
 
@@ -92,26 +93,3 @@ def payload(model: Model) -> tuple[float, float]:
     length = float(getattr(model.plant, "l", J * GRAVITY / G if G > 0.0 else 1.0))
     distance = float(f"{length:.2g}") if model.plant.turns else 1.0  # a carriage carries it, wherever it sits
     return float(f"{_HEAVIER * J / distance**2:.2g}"), distance
-
-
-def _shown(model: Model, unknown: Sequence[str], payload: tuple[float, float]) -> Array:
-    """Derivatives (4, P) of what the motion shows, (J / c, G / c) without and with the payload."""
-    parameters, (mass, distance) = model.parameters, payload
-    at = np.array([float(parameters[n].value) for n in unknown])
-    size = np.array([abs(v) or 0.1 * float(model.inertia()) for v in at])
-
-    def show(values: Array) -> Array:
-        """What the motion shows where the unknown numbers have these values."""
-        now = model.with_parameters(dict(zip(unknown, values.tolist(), strict=True)))
-        numbers = now.parameters
-        c = float(numbers["torque_gain.c"].value) if "torque_gain.c" in numbers else 1.0
-        J, G = float(now.inertia()), float(now.plant.gravity_torque(0.5 * math.pi))
-        g = float(getattr(now.plant, "g", GRAVITY)) if G > 0.0 else 0.0
-        return np.array([J, G, J + mass * distance**2, G + mass * g * distance]) / c
-
-    return np.array([(show(at + h) - show(at)) / 1e-5 for h in 1e-5 * np.diag(size)]).T
-
-
-def _rank(shown: Array) -> int:
-    largest = np.maximum(np.max(np.abs(shown), axis=1, keepdims=True), 1e-300)
-    return int(np.linalg.matrix_rank(shown / largest, tol=1e-4))

@@ -394,6 +394,3 @@ def test_an_estimate_that_no_motion_determines_asks_for_a_payload() -> None:
     estimate = fit(rod(), log(rod(), slow_sines()), SENSOR, ("m", "l", "g"))
     assert not estimate.success
     assert "hang" in next_experiment(estimate, limits=Limits(1.0, 3.0, theta_max=1.5)).description
-
-
-# bad input ----------------------------------------------------------------------------------------------------
