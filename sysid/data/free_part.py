@@ -47,14 +47,12 @@ def free_part(record: Record) -> tuple[Record, str]:
     """
     if record.theta is None or not record.has_angles:
         return record, ""
-    known = np.flatnonzero(np.isfinite(record.theta))
-    if len(known) <= FEWEST:
+    if len(record) < FEWEST:
         return record, ""
-    theta, driven = record.theta[known], record.driven
-    let_go, caught = int(known[_let_go(theta)]), 0 if driven else _caught(theta)
+    let_go, caught = _let_go(record.theta), 0 if record.driven else _caught(record.theta)
     first = let_go if let_go >= FEWEST and not np.any(record.u[:let_go]) else 0
-    last = int(known[caught]) if caught else len(record)
-    swing = 0 if driven or caught else int(known[_stops(theta)]) - first
+    last = caught or len(record)
+    swing = 0 if record.driven or caught else _stops(record.theta) - first
     if swing >= FEWEST and len(record) - first > (1.0 + LONGEST_REST) * swing:
         last = first + round((1.0 + KEPT_REST) * swing)
     if (first, last) == (0, len(record)) or last - first < FEWEST:

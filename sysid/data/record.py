@@ -347,7 +347,7 @@ def _largest_speed(records: Sequence[Record]) -> float:
     """The 99th percentile of the speed [rad/s], from the angles or, where none were read, from the speed readings."""
     angles = [np.abs(speed_about(r.theta, r.dt)) for r in records if r.theta is not None and r.has_angles]
     speeds = angles or [np.abs(r.theta_dot) for r in records if r.theta_dot is not None]
-    return float(np.nanquantile(np.concatenate(speeds), 0.99)) if speeds else 0.0
+    return float(np.quantile(np.concatenate(speeds), 0.99)) if speeds else 0.0
 
 
 def _half_of_travel(records: Sequence[Record]) -> float:

@@ -313,10 +313,7 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
 def _cubic(t: Array, y: Array, rows: NDArray[np.intp], step: float) -> tuple[Array, Array]:
     """Slope (per step) and curvature (per step^2), at some rows, of the cubic fitted to the seven rows about each."""
     width = min(7, len(t))
-    degree = min(3, width - 2)
-    if degree < 1:
-        slope = np.full(len(rows), (y[-1] - y[0]) / max((t[-1] - t[0]) / step, 1e-9))
-        return slope, np.zeros(len(rows))
+    degree = max(min(3, width - 2), 1)
     window = np.clip(rows - width // 2, 0, len(t) - width)[:, None] + np.arange(width)
     tau = (t[window] - t[rows, None]) / step
     powers = tau[:, :, None] ** np.arange(degree + 1)

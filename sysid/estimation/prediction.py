@@ -69,13 +69,12 @@ def telling_horizon(records: Sequence[Record]) -> float:
     read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
     if read is None or any(r.driven for r in records):
         return WINDOW
-    known = np.flatnonzero(np.isfinite(read))
-    motion = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
-    periods = int(np.argmax(np.abs(np.fft.rfft(motion - np.mean(motion)))))
+    motion = read - np.mean(read)
+    periods = int(np.argmax(np.abs(np.fft.rfft(motion))))
     seconds = len(longest) * longest.dt
     if periods < PERIODS:
         return WINDOW
-    period, sizes = seconds / periods, [np.std(part) for part in np.array_split(motion - np.mean(motion), periods // 2)]
+    period, sizes = seconds / periods, [np.std(part) for part in np.array_split(motion, periods // 2)]
     rate = -np.polyfit(np.arange(len(sizes)), np.log(np.maximum(sizes, 1e-300)), 1)[0] * len(sizes) / seconds
     halved = math.log(2.0) / max(rate, 1e-9)
     return max(WINDOW, float(f"{np.clip(halved, PERIODS * period, MOST_PERIODS * period):.2g}"))
@@ -88,11 +87,11 @@ def foreseeable(model: Model, records: Sequence[Record]) -> float:
         GROWTH / sqrt(max(median d theta_ddot / d theta, 0))
     """
     theta = np.concatenate([np.zeros(0), *(r.theta for r in records if r.theta is not None and r.has_angles)])
-    if not np.any(np.isfinite(theta)):
+    if len(theta) == 0:
         return math.inf
     held = theta if model.at_angle else np.zeros_like(theta)
     before, after = (np.asarray(model.acceleration(theta + h, 0.0, 0.0, held)) for h in (-1e-4, 1e-4))
-    growth = math.sqrt(max(float(np.nanmedian(after - before)) / 2e-4, 0.0))
+    growth = math.sqrt(max(float(np.median(after - before)) / 2e-4, 0.0))
     return float(f"{GROWTH / growth:.2g}") if growth > 0.0 else math.inf
 
 
