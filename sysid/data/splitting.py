@@ -23,11 +23,11 @@ SHORTEST_PART, LEAST_SHARE = 0.5, 0.2
 """Parts shorter than SHORTEST_PART [s] or LEAST_SHARE of the log, whichever is less, are merged with a neighbour."""
 SHORTEST_LOG = 0.5
 """Seconds of the shortest log of which a part is held out."""
+LEAST = 2.0
+"""Seconds that are held out, at least; a stretch of them is at least half as long, a window to score."""
 
 
-def split(
-    records: Sequence[Record], hold_out: float | None = None, shortest: float = 2.0
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+def split(records: Sequence[Record], hold_out: float | None = None) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Split a log into what is fitted and what is held out: by default one of every four rollouts.
 
     The held-out rollouts are spread over the log, whose end is often another kind of motion. If there are fewer than
@@ -42,8 +42,6 @@ def split(
         At least one rollout.
     hold_out : float, optional
         A share in (0, 1), or a number n = 1, 2, ...: the last n rollouts.
-    shortest : float
-        The least length [s] of all that is held out; a stretch of it is at least half as long, a window to score.
 
     Returns
     -------
@@ -65,30 +63,30 @@ def split(
         )
     if whole:
         return tuple(records[: -int(share)]), tuple(records[-int(share) :])
-    return _divided(records, share, shortest, "held-out part")
+    return _divided(records, share, "held-out part")
 
 
 def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
     """About `most` samples of a log: at least three rollouts, or else stretches, spread over it; all of a log that has
     no more."""
     share = most / max(sum(map(len, records)), 1)
-    return tuple(records) if share >= 1.0 else _divided(records, share, 2.0, "searched part", MOST_STRETCHES)[1]
+    return tuple(records) if share >= 1.0 else _divided(records, share, "searched part", MOST_STRETCHES)[1]
 
 
 def _divided(
-    records: Sequence[Record], share: float, shortest: float, name: str, fewest: int = 1
+    records: Sequence[Record], share: float, name: str, fewest: int = 1
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """(rest, chosen) of a log: a `share` of it, spread over it, as at least `fewest` whole rollouts or as stretches
     with that name."""
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
-    long = sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total)
+    long = sum(seconds[k] for k in chosen) >= max(LEAST, 0.5 * share * total)
     if len(records) >= 4 and len(chosen) >= fewest and long:
         rest = sorted(set(range(len(records))) - set(chosen))
         return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
-    held = min(max(share * total, shortest), max(share, 0.5) * total)
-    count = int(np.clip(held / (0.5 * shortest), 1, MOST_STRETCHES))
+    held = min(max(share * total, LEAST), max(share, 0.5) * total)
+    count = int(np.clip(held / (0.5 * LEAST), 1, MOST_STRETCHES))
     middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, LEAST_SHARE * total)
     pieces = [
         p
