@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import sysid
 from policies.storage.policy_file import DESCRIPTION, load_policy
 from sysid.__main__ import main as sysid_main
-from tests.hostile_input.answering import ARRAYS, CELLS, ESC, T, answered, many, refused
+from tests.hostile_input.answering import ARRAYS, CELLS, ESC, answered, many, refused
 
 SCALES = st.sampled_from([0.0, 1.0, 1e3, 1e6, 1e9, 1e150, 1e308, 1e-9, 1e-320])
 
@@ -28,14 +28,6 @@ def test_a_table_of_any_numbers_is_refused_or_read(tmp_path_factory, scales, cel
     text = "\n".join([f"t,theta,theta_dot,torque,{name}", *map(",".join, rows)])
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     answered(sysid.read, path)
-
-
-@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
-def test_a_clock_that_counts_something_else_is_told_at_once(unit, tmp_path, capsys):
-    rows = zip(unit * T, *list(ARRAYS.values())[1:2], ARRAYS["torque"], strict=True)
-    path = tmp_path / "log.csv"
-    path.write_text("t,theta,torque\n" + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
-    assert "--time-unit" in refused(sysid_main, ["diagnose", str(path)], capsys)
 
 
 @pytest.mark.parametrize("name", [ESC, "\x07", "\u202e", "\x9b31m", "x" * 10**6])
