@@ -210,11 +210,6 @@ def _growth(A: Array, logs: int) -> Array:
     return largest
 
 
-def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> list[Record]:
-    """The records that perfect sensors would make of a model under the signals, from rest or where it is released."""
-    return Pool([Hypothesis("", model, ())], signals, conditions).shown("")
-
-
 def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
     limits = conditions.limits

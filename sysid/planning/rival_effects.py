@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -15,14 +14,13 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
-from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, Pool, predict, within_limits
+from sysid.planning.design import ROUGHLY, Conditions, Hypothesis, Pool, within_limits
 from sysid.planning.evidence import Sensitivities
-from sysid.planning.excitation import Signal, random_signals
+from sysid.planning.excitation import random_signals
 from sysid.planning.planned_experiment import Contest
 
 NOTHING = "nothing"
@@ -73,7 +71,7 @@ def hypotheses_of(
     conditions: Conditions,
     first: First,
 ) -> Hypotheses:
-    """The hypotheses for some rivals, fitted to the log or, without one, to what a known rival does under a multisine.
+    """The hypotheses for some rivals, fitted to the log or, without one, of the sizes that they are given.
 
     A rival of unknown size (no log and no numbers, or the log does not show it) has that of its probe. Raises
     InvalidInput for names that are unknown, come twice or cannot stand in this model.
@@ -92,24 +90,16 @@ def hypotheses_of(
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
     middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
     probes = {n: own.at(own.sizes) for n, own in middle.items()}
-    fitted = partial(_fitted, base, names, sized)
-    if records:
-        fits = fitted(records, conditions, first, ROUGHLY)
-        if fits.conditions.much_louder(conditions):  # the noise was told wrong
-            fits = fitted(records, fits.conditions, first, ROUGHLY)
-        truths = fits.likely
-    elif sized:
-        signal = Signal("multisine", 0.5 * limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-        shown = predict(bare.with_effect(next(iter(sized.values()))), [signal], conditions)
-        known = partial(fit_parameters, disturbances=conditions.disturbances, settings=KNOWN)
-        fits = fitted(shown, conditions, known, KNOWN)
+    if not records:
         truths = [n for n in names if n in sized]
-    else:
-        return _listed(Fits(base, {}, conditions), probes, names)
+        return _listed(Fits(base, {}, conditions), probes | sized, truths or names)
+    fits = _fitted(base, names, sized, records, conditions, first)
+    if fits.conditions.much_louder(conditions):  # the noise was told wrong
+        fits = _fitted(base, names, sized, records, fits.conditions, first)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
         return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
-    return _listed(fits, probes, truths or names, bool(records))
+    return _listed(fits, probes, fits.likely or names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,19 +130,18 @@ def _fitted(
     records: Sequence[Record],
     conditions: Conditions,
     first: First,
-    settings: Settings,
 ) -> Fits:
     """Fit the model without rivals, and with each rival that the readings show or whose size is known."""
     none = first(Samples(base.model, records, conditions.sensor), base.model, base.names)
     searched = [n for n in names if n not in sized]
     found = scores(none, searched) if searched else {}
     begun = sized | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
-    fits = {name: extended(none, [e], settings) for name, e in begun.items()}
-    after = conditions.after([none, *fits.values()]) if settings.sizes else conditions
+    fits = {name: extended(none, [e], ROUGHLY) for name, e in begun.items()}
+    after = conditions.after([none, *fits.values()])
     return Fits(Hypothesis(NOTHING, none.model, base.names), fits, after, none.deviance)
 
 
-def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
+def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str]) -> Hypotheses:
     """The hypotheses and their contests; a single rival is compared with the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
@@ -162,7 +151,7 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
     contests = []
     for truth in (own for own in rivals if own in truths):
         others = [own for own in rivals if own != truth]
-        before = _evidence(fits, truth, others) if logged else [None] * len(others)
+        before = [None] * len(others) if fits.deviance is None else _evidence(fits, truth, others)
         contests += [Contest(truth, *rival) for rival in zip(others, before, strict=True)]
     return Hypotheses((*hypotheses, fits.base), tuple(contests), fits.conditions)
 

@@ -35,7 +35,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
-from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, predict
+from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool
 from sysid.planning.excitation import KINDS, Limits, Signal, random_signals
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.planning.non_torque_experiments import non_torque_experiment, payload
@@ -72,6 +72,11 @@ def slow_sines() -> np.ndarray:
 def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
     """What a rig would log."""
     return SENSOR.measure(simulate(truth, e.u, e.start, 0.0), np.random.default_rng(seed))
+
+
+def predict(model: Model, signals: list[Signal], conditions: Conditions) -> list[Record]:
+    """The records that perfect sensors would make of a model under the signals."""
+    return Pool([Hypothesis("", model, ())], signals, conditions).shown("")
 
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
