@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -100,16 +99,18 @@ def next_experiment(
     if cost is not None:
         _check_cost(cost, names, estimate, rivals)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
-        if not rivals:
-            known, conditions = _known(model, names, estimate, records, conditions)
-            if cost is not None and known is not None:
-                return _lowering(cost, known, conditions, rng)
-            return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals))
-        near = partial(fit_parameters, settings=ROUGHLY)  # the estimate says where to begin
-        first = first_fit if estimate is None else near
-        return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
+        if estimate is None and records:
+            estimate = first_fit(Samples(model, records, sensor), model, names).estimate()
+        model = model if estimate is None else estimate.model
+        if rivals:
+            return _telling(hypotheses_of(model, names, rivals, records, conditions), names_of(rivals), rng)
+        if estimate is not None:
+            conditions = _after(conditions, estimate, records)
+            if cost is not None:
+                return _lowering(cost, estimate, conditions, rng)
+        return _narrowing(model, names, estimate, conditions, rng)
 
 
 def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, rivals: Sequence[str | Effect]) -> None:
@@ -121,22 +122,13 @@ def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, 
         raise InvalidInput(f"cost has shape {np.shape(cost)}: expected {(len(names), len(names))}, those of {names}")
 
 
-def _known(
-    model: Model, names: tuple[str, ...], estimate: Estimate | None, records: Sequence[Record], conditions: Conditions
-) -> tuple[Estimate | None, Conditions]:
-    """The estimate of the free parameters, and the conditions under which the next log will be made."""
-    if not records:
-        return estimate, conditions if estimate is None else _noisier(conditions, estimate)
-    samples = Samples(model, records, conditions.sensor)
-    if estimate is not None:
-        return estimate, conditions.after([fit_parameters(samples, model, (), settings=ROUGHLY)])
-    found = first_fit(samples, model, names)
-    return found.estimate(), conditions.after([found])
-
-
-def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
-    """The conditions with what an estimate leaves unexplained: the noise of its residuals, if more than the sensor's,
-    and its random torque, unless that only makes up for a noise that was told far too small."""
+def _after(conditions: Conditions, estimate: Estimate, records: Sequence[Record]) -> Conditions:
+    """The conditions with what an estimate leaves unexplained in its records or, if these are not at hand, by its own
+    account: the noise of its residuals, if more than the sensor's, and its random torque, unless that only makes up for
+    a noise that was told far too small."""
+    if records:
+        samples = Samples(estimate.model, records, conditions.sensor)
+        return conditions.after([fit_parameters(samples, estimate.model, (), settings=ROUGHLY)])
     told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
     louder = conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
     if louder.much_louder(conditions) or not estimate.random_torque:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
+from sysid.estimation.solver import fit_parameters
 from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
@@ -25,8 +26,6 @@ from sysid.planning.planned_experiment import Contest
 
 NOTHING = "nothing"
 """Name of the hypothesis without any rival."""
-First = Callable[[Samples, Model, Sequence[str]], Fit]
-"""A function that fits a model without rivals to a log."""
 _TRUE = 0.25
 """A rival may be the truth if it explains at least this share of what the best one explains."""
 STRUCTURAL = 1e-4
@@ -69,7 +68,6 @@ def hypotheses_of(
     rivals: Sequence[str | Effect],
     records: Sequence[Record],
     conditions: Conditions,
-    first: First,
 ) -> Hypotheses:
     """The hypotheses for some rivals, fitted to the log or, without one, of the sizes that they are given.
 
@@ -93,9 +91,9 @@ def hypotheses_of(
     if not records:
         truths = [n for n in names if n in sized]
         return _listed(Fits(base, {}, conditions), probes | sized, truths or names)
-    fits = _fitted(base, names, sized, records, conditions, first)
+    fits = _fitted(base, names, sized, records, conditions)
     if fits.conditions.much_louder(conditions):  # the noise was told wrong
-        fits = _fitted(base, names, sized, records, fits.conditions, first)
+        fits = _fitted(base, names, sized, records, fits.conditions)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
         return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
@@ -129,10 +127,10 @@ def _fitted(
     sized: dict[str, Effect],
     records: Sequence[Record],
     conditions: Conditions,
-    first: First,
 ) -> Fits:
     """Fit the model without rivals, and with each rival that the readings show or whose size is known."""
-    none = first(Samples(base.model, records, conditions.sensor), base.model, base.names)
+    samples = Samples(base.model, records, conditions.sensor)
+    none = fit_parameters(samples, base.model, base.names, settings=ROUGHLY)
     searched = [n for n in names if n not in sized]
     found = scores(none, searched) if searched else {}
     begun = sized | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
