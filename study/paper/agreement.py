@@ -13,17 +13,16 @@ Source of the equivalence test: Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from study.formatting import number, signed
-from study.paper import published_numbers as paper
 from study.paper.finished_runs import TOLERANCE, Outcomes
 from study.paper.presets import PAPER, Preset
-from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, CellSummary, PublishedContrast, Spot
+from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, POINTS, CellSummary, PublishedContrast, Spot
 from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0
@@ -100,15 +99,22 @@ class ContrastAgreement:
 
 
 @dataclass(frozen=True)
-class RobustnessEntry:
-    """A row of Table I: best cell, its mean, delta-budget, delta-wide, w* at n = 0 and what it gains over w = 0."""
+class RobustnessRow:
+    """A row of Table I, whose two differences are published contrasts: delta-budget and delta-wide.
 
-    best: Spot
-    mean: float
-    budget: Contrast | None
-    wide: Contrast | None
-    width_at_zero: float | None
-    zero: Contrast | None
+    printed     mean of the best cell there; wider: whether a wider band is significantly better without data there
+    best, mean  the best cell here; zero: the best one without data, and gain: over w = 0. None: not run, or w = 0
+    """
+
+    point: str
+    printed: float | None
+    budget: ContrastAgreement
+    wide: ContrastAgreement
+    wider: bool
+    best: Spot | None
+    mean: float | None
+    zero: Spot | None
+    gain: Contrast | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,21 +209,22 @@ class Agreement:
         return paired_bootstrap(x, y, resamples=self.preset.resamples), paired_t(x, y)
 
     @cached_property
-    def robustness(self) -> list[tuple[paper.RobustnessRow, RobustnessEntry | None]]:
-        """Table I, row by row: as published, and as run here."""
-        return [(row, self._entry(row.point)) for row in paper.ROBUSTNESS]
+    def robustness(self) -> list[RobustnessRow]:
+        """Table I, row by row."""
+        known = {(c.published.a, c.published.b): c for c in self.contrasts}
+        return [self._row(point, known) for point in POINTS if point != BASELINE.point]
 
-    def _entry(self, point: str) -> RobustnessEntry | None:
-        spots = [spot for spot in self.ours.table if spot.point == point]
-        if not spots:
-            return None
-        means = {spot: self.ours.summary(spot).mean for spot in spots}
-        best, full, start = max(means, key=means.__getitem__), Spot(point, 50, 0.0), Spot(point, 0, 0.0)
-        at_zero = max((s for s in spots if s.n == 0), key=means.__getitem__, default=None)
-        pairs = [self.contrast(full, start), self.contrast(full, Spot(point, 50, 0.5))]
-        pairs.append(self.contrast(at_zero, start) if at_zero and at_zero != start else None)
-        budget, wide, zero = (pair[0] if pair else None for pair in pairs)
-        return RobustnessEntry(best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
+    def _row(self, point: str, known: Mapping[tuple[Spot, Spot], ContrastAgreement]) -> RobustnessRow:
+        full, start = Spot(point, 50, 0.0), Spot(point, 0, 0.0)
+        wider = any(c.significant and c.mean > 0.0 for c in DIFFERENCES if c.b == start and c.a[:2] == start[:2])
+        means = {spot: self.ours.summary(spot).mean for spot in self.ours.table if spot.point == point}
+        best = max(means, key=means.__getitem__, default=None)
+        zero = max((spot for spot in means if spot.n == 0), key=means.__getitem__, default=None)
+        gain = self.contrast(zero, start) if zero and zero != start else None
+        return RobustnessRow(
+            point, CELLS[full].printed, known[full, start], known[full, Spot(point, 50, 0.5)], wider,
+            best, means[best] if best else None, zero, gain[0] if gain else None,
+        )  # fmt: skip
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer): do the cells, the contrasts and the claims of significance agree?"""

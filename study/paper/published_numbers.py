@@ -1,4 +1,4 @@
-"""What the paper says: cell means, contrasts, its robustness table and its claims, each with the place where it stands.
+"""What the paper says: cell means, contrasts (Table I is made of them) and claims, each with the place where it stands.
 
 Rizvi and Tomar, "How Should a Simulation-to-Reality Transfer Budget Be Spent?", First Workshop on Sim2Real and
 Classical Control, IROS 2026 (submitted). Where the text prints a number it stands here as printed. Means, errors and
@@ -137,27 +137,6 @@ DIFFERENCES = tuple(read_table(PublishedContrast, FOLDER / "published_contrasts.
 BASELINE = Spot("prior_range", 0, 0.5)
 """The prior-range baseline: no data, trained over all that is plausible."""
 
-
-@dataclass(frozen=True)
-class RobustnessRow:
-    """A row of Table I as printed: best mean, delta-budget, delta-wide, w* at n = 0; bold: the interval excludes 0."""
-
-    point: str
-    best: float
-    budget: float
-    wide: float
-    width_at_zero: str
-    bold: tuple[bool, bool, bool]
-
-
-ROBUSTNESS = (
-    RobustnessRow("main", -337.0, 434.0, 179.0, "0", (True, True, False)),
-    RobustnessRow("small_gap", -226.0, 29.0, 39.0, "0", (True, True, False)),
-    RobustnessRow("large_gap", -573.0, 377.0, 235.0, "> 0", (True, True, True)),
-    RobustnessRow("low_noise", -341.0, 429.0, 223.0, "0", (True, True, False)),
-    RobustnessRow("high_noise", -357.0, 413.0, 106.0, "0", (True, True, False)),
-)
-"""Table I; w* is 0 unless a wider band was significantly better (the text has w* = 0.2 at the main point)."""
 
 ID_ERRORS = {
     "main": {0: 1.12, 5: 0.858, 10: 0.845, 25: 0.642, 50: 0.64},

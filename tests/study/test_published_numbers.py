@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.paper.finished_runs import read_published
-from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ID_ERRORS, POINTS, QUOTES, ROBUSTNESS, Spot
+from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ID_ERRORS, POINTS, QUOTES
 from study.statistics import paired_bootstrap, paired_t, sem
 
 AUTHORS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"
@@ -49,17 +49,6 @@ def test_identification_errors_are_those_of_the_runs(runs):
     for point, errors in ID_ERRORS.items():
         for n, error in errors.items():
             assert np.mean(runs.id_errors(point, n)) == pytest.approx(error, abs=0.005)
-
-
-def test_the_robustness_table_is_made_of_the_contrasts():
-    known = {(c.a, c.b): c for c in DIFFERENCES}
-    for row in ROBUSTNESS:
-        full = Spot(row.point, 50, 0.0)
-        budget, wide = known[full, Spot(row.point, 0, 0.0)], known[full, Spot(row.point, 50, 0.5)]
-        assert (row.best, row.budget, row.wide) == (CELLS[full].printed, budget.mean, wide.mean)
-        assert row.bold[:2] == (budget.significant, wide.significant)
-        best = max(cell.mean for spot, cell in CELLS.items() if spot.point == row.point)
-        assert CELLS[full].mean == pytest.approx(best, abs=0.2)  # at low noise n = 25 is 0.1 better
 
 
 def test_narrow_bands_lose_their_significance_with_t_and_all_of_them_with_holm(runs):

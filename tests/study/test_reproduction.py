@@ -68,7 +68,7 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
         write_rows(tmp_path / name / "runs.csv", *run_table(own))
     reproduction = reproduce([paper], tmp_path / "paper-small")
     assert not any("not beside these" in note for note in reproduction.notes)
-    assert [entry is not None for _, entry in reproduction.agreement.robustness] == [True, True, False, False, False]
+    assert [row.best is not None for row in reproduction.agreement.robustness] == [True, True, False, False, False]
     assert "With 150,000 steps" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
     assert Spot("main", 50, 0.5) in reproduction.agreement.ours
     assert reproduction.agreement.ours.summary(Spot("main", 50, 0.5)).mean != -300.0
