@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from study.formatting import number, signed
+from study.formatting import number
 from study.paper.finished_runs import TOLERANCE, Outcomes
 from study.paper.presets import PAPER, Preset
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, POINTS, CellSummary, PublishedContrast, Spot
@@ -52,7 +52,6 @@ class CellAgreement:
     verdict: str
     basis: str
     outlier: Outlier | None
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -79,18 +78,6 @@ class ContrastAgreement:
         if self.ours.significant and self.theirs.significant:
             return self.ours.mean * self.theirs.mean > 0.0
         return not (self.ours.significant or self.theirs.significant)
-
-    @property
-    def reason(self) -> str:
-        """Why one is significant and the other is not, as far as the intervals tell."""
-        said = []
-        if self.change is not None and not self.change.significant:
-            said.append("the two do not differ by more than scatter")
-        if self.published.significant and not self.theirs_t.significant:
-            said.append("the published one has zero in its t interval")
-        if self.ours is not None and self.ours_t is not None and self.ours.significant and not self.ours_t.significant:
-            said.append("ours has zero in its t interval")
-        return "; ".join(said) or "not found"
 
     @property
     def survives(self) -> bool:
@@ -144,10 +131,9 @@ class Agreement:
         verdict = DIFFERS if found.significant else OPEN
         if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
             verdict = SAME
-        reason = self._reason(outlier) if verdict == DIFFERS else ""
         text, fresh = CELLS[spot].printed, self.ours.summary(spot, fresh=True)
         printed = theirs if text is None else theirs._replace(mean=text)
-        return CellAgreement(spot, ours, printed, fresh, found, verdict, basis, outlier, reason)
+        return CellAgreement(spot, ours, printed, fresh, found, verdict, basis, outlier)
 
     def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
         """The seeds to pair over, or why there is no pairing."""
@@ -165,18 +151,6 @@ class Agreement:
         pairs = ((self.ours.table[spot][s].theta_hat, self.theirs.table[spot][s].theta_hat) for s in seeds)
         apart = [s for s, (a, b) in zip(seeds, pairs, strict=True) if math.dist(a, b) > TOLERANCE]
         return seeds, f"other theta_hat at seed {apart[0]}" if apart else ""
-
-    def _reason(self, outlier: Outlier | None) -> str:
-        """What may be behind a difference, as far as it can be told from the runs."""
-        found = []
-        if outlier and not outlier.rest.significant:
-            found.append(f"one seed: without seed {outlier.seed} ({signed(outlier.difference)}) it is {outlier.rest}")
-        if self.preset.hidden != PAPER.hidden:
-            own, published = (" x ".join(map(str, layers)) for layers in (self.preset.hidden, PAPER.hidden))
-            found.append(f"possibly networks of {own} instead of {published}")
-        if self.preset.steps != PAPER.steps:
-            found.append(f"possibly {self.preset.steps:,} training steps instead of {PAPER.steps:,}")
-        return "; ".join(found) or "not found: same protocol, other training draws and another SAC library"
 
     @cached_property
     def contrasts(self) -> list[ContrastAgreement]:
