@@ -213,11 +213,6 @@ class Sweep(StudyExperiment):
         tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), known)]
         yield Stage(tasks, self._about(tasks))
 
-    def keep(self, task: Task, answer: Any) -> None:
-        """As ever, but for runs of the population that were taken up from elsewhere."""
-        there = self.results.keys(RUNS)
-        super().keep(task, [run for run in answer if run.cell not in there] if task.table is RUNS else answer)
-
     def publish(self, console: Console) -> None:
         publish(self.results, self._account, console)
 

@@ -140,10 +140,11 @@ class Database:
             raise
 
     def add(self, table: ResultTable[R], values: Iterable[R]) -> None:
-        """Keep values in place of those with the same keys; all or nothing. Raises OSError as `transaction` does."""
+        """Keep values whose keys are new; all or nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             for row in map(table.row, values):
-                db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
+                places = ", ".join("?" * len(row))
+                db.execute(f"INSERT INTO {table.name} VALUES ({places}) ON CONFLICT DO NOTHING", row)
 
     def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""

@@ -74,7 +74,5 @@ def take_up(file: Path, plan: TrialPlan, results: Database) -> None:
         if row.case not in cases:
             own = ", ".join(map(str, row.case))
             raise InvalidInput(f"{file} has the case {own}: expected cases of {plan.name!r} ({plan.arguments})")
-    there = {step.case for step in results.all(STEPS)}
-    fresh = [row for row in rows if row.case not in there]
-    results.add(TRAININGS, [agent for row in fresh for agent in row.agents])
-    results.add(STEPS, [row.last_round(file.name) for row in fresh])
+    results.add(TRAININGS, [agent for row in rows for agent in row.agents])
+    results.add(STEPS, [row.last_round(file.name) for row in rows])
