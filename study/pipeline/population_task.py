@@ -1,18 +1,17 @@
 """A population trained to its end by a task: progress said, checkpoints written, a wish to stop heard; and its trained
-policies in one file of plain arrays, so that later evaluations need no training.
+policies as files of plain arrays, so that later evaluations need no training.
 
-    policies = read_policies(Path("results/paper/policies/population_1.npz"))
-    evaluate(policies[Cell("main", 50, 0.0, 0)], model, *start_states(7))
+    policy = read_policy(Path("results/paper"), Cell("main", 50, 0.0, 0))
+    evaluate(policy, model, *start_states(7))
 
-A study says which population, and what becomes of it. The file is a NumPy archive, loaded with allow_pickle=False:
-nothing in it is executed. w0 (A, in, out), b0 (A, out), w1, ...; cells (A,): JSON of [point, n, w, seed], or of a text
-that names what was trained; u_max; history: past commands that are observed.
+A study says which population, and what becomes of it. A policy's file is a NumPy archive, loaded with
+allow_pickle=False: nothing in it is executed. w0 (in, out), b0 (out,), w1, ...; u_max; history: past commands that are
+observed.
 """
 
 from __future__ import annotations
 
 import io
-import json
 import sys
 import time
 import zipfile
@@ -39,39 +38,33 @@ FOLDER = "policies"
 """Where they lie in a results folder."""
 
 
-def write_policies(path: Path, cells: Sequence[tuple[Any, ...] | str], policies: Sequence[NetworkPolicy]) -> None:
-    """Keep the policy of every cell; whole or not at all. Raises OSError."""
-    arrays = {
-        "cells": np.array([json.dumps(cell) for cell in cells]),
-        "u_max": np.array([policy.u_max for policy in policies]),
-        "history": np.array([policy.history for policy in policies]),
-    }
-    for i in range(len(policies[0].layers)):
-        arrays[f"w{i}"] = np.stack([policy.layers[i][0] for policy in policies])
-        arrays[f"b{i}"] = np.stack([policy.layers[i][1] for policy in policies])
-    content = io.BytesIO()
-    np.savez(content, **arrays)
+def policy_file(folder: Path, key: tuple[Any, ...] | str) -> Path:
+    """Where the policy of a cell, or of that name, lies in a results folder."""
+    return folder / FOLDER / f"{key if isinstance(key, str) else '_'.join(map(str, key))}.npz"
+
+
+def write_policy(folder: Path, key: tuple[Any, ...] | str, policy: NetworkPolicy) -> None:
+    """Keep a policy; whole or not at all. Raises OSError."""
+    arrays = {f"{kind}{i}": own for i, layer in enumerate(policy.layers) for kind, own in zip("wb", layer, strict=True)}
+    content, path = io.BytesIO(), policy_file(folder, key)
+    np.savez(content, u_max=policy.u_max, history=policy.history, **arrays)
     path.parent.mkdir(exist_ok=True)
     write_whole(path, content.getvalue())
 
 
-def read_policies(path: Path) -> dict[tuple[Any, ...] | str, NetworkPolicy]:
-    """The policies in such a file by cell, or by name; raises InvalidInput for another file."""
+def read_policy(folder: Path, key: tuple[Any, ...] | str) -> NetworkPolicy | None:
+    """The policy of a cell or of that name, None where there is none; raises InvalidInput for another file."""
     from policies.network_policy import NetworkPolicy
 
+    path = policy_file(folder, key)
     try:
         with np.load(path, allow_pickle=False) as stored:
-            named = [json.loads(text) for text in stored["cells"].tolist()]
-            cells = [name if isinstance(name, str) else tuple(name) for name in named]
-            u_max = stored["u_max"].tolist()
-            history = stored["history"].tolist() if "history" in stored.files else [0] * len(cells)
-            layers = [(stored[f"w{i}"], stored[f"b{i}"]) for i in range(sum(name[0] == "w" for name in stored.files))]
+            layers = tuple((stored[f"w{i}"], stored[f"b{i}"]) for i in range(len(stored.files) // 2 - 1))
+            return NetworkPolicy(layers, float(stored["u_max"]), int(stored["history"]))
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInput(f"{path} is not a file of policies ({error}): expected one that a study wrote") from None
-    return {
-        cell: NetworkPolicy(tuple((w[a], b[a]) for w, b in layers), u_max[a], history[a])
-        for a, cell in enumerate(cells)
-    }
+        raise InvalidInput(f"{path} is not the file of a policy ({error}): expected one that a study wrote") from None
 
 
 CHUNK = 20
@@ -99,11 +92,6 @@ class PopulationTask(Task):
         """The population, to people."""
 
     @property
-    def stem(self) -> str:
-        """The population, in names of files."""
-        return self.name.replace(" ", "_")
-
-    @property
     def settings(self) -> StudySettings:
         return self.plan
 
@@ -123,7 +111,7 @@ class PopulationTask(Task):
     @property
     def checkpoint(self) -> Path:
         """Where an unfinished population is kept."""
-        return self.folder / f"{self.stem}.checkpoint"
+        return self.folder / f"{self.name.replace(' ', '_')}.checkpoint"
 
     @property
     def work(self) -> float:
@@ -145,7 +133,7 @@ class PopulationTask(Task):
             path.unlink(missing_ok=True)
 
     def run(self, link: Link) -> Any:
-        """The answers; the trained policies are in a file by then.
+        """The answers; the trained policies are in their files by then.
 
         Raises Stopped once a checkpoint is written on request, and OSError where it cannot be written.
         """
@@ -159,7 +147,8 @@ class PopulationTask(Task):
             except InvalidInput as error:  # a spoilt one costs its minutes, not the study
                 print(f"{self.name} begins anew: {error}", file=sys.stderr)
         self._finish(population, link)
-        write_policies(self.folder / FOLDER / f"{self.stem}.npz", self.keys, population.policies())
+        for key, policy in zip(self.keys, population.policies(), strict=True):
+            write_policy(self.folder, key, policy)
         return self.answers(population, population.seconds / len(self.keys))
 
     def _finish(self, population: Population, link: Link) -> None:

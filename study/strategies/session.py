@@ -1,7 +1,7 @@
 """A strategy's dialogue with the plant and with training, as far as the agents go that are trained already.
 
     reached = advance(strategy, situation, plant, agents)     Waiting for agents, or Finished
-    rounds = steps(plan, current, cases, stems, folder, progress)      of many dialogues, as plain data
+    rounds = steps(plan, current, cases, folder, progress)     of many dialogues, as plain data
 
 Nothing of a dialogue is stored but its agents: the plant gives the same rollouts again, and strategies draw from the
 situation's generator, so that it is repeated to where it stopped. So a study can be interrupted anywhere, and a round
@@ -11,15 +11,16 @@ of many dialogues trains one population.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from policies.network_policy import NetworkPolicy
-from study.pipeline.population_task import FOLDER, read_policies
+from study.pipeline.population_task import read_policy
 from study.pipeline.settings import digest
 from study.pipeline.tables import ResultTable
 from study.strategies.plant import BudgetedPlant
@@ -125,22 +126,10 @@ STEPS = ResultTable(
 
 
 def steps(
-    plan: TrialPlan,
-    current: int,
-    cases: Sequence[Case],
-    stems: Mapping[str, str],
-    folder: Path,
-    progress: Callable[[float], None],
+    plan: TrialPlan, current: int, cases: Sequence[Case], folder: Path, progress: Callable[[float], None]
 ) -> list[CaseRound]:
-    """A round of the cases of one seed on one plant; stems: of the files of policies, by the key of each agent that
-    these have waited for so far."""
-    read, found = dict[str, NetworkPolicy](), list[CaseRound]()
-
-    def policy(key: str) -> NetworkPolicy | None:
-        if key not in read and key in stems:
-            read.update(read_policies(folder / FOLDER / f"{stems[key]}.npz"))  # type: ignore[arg-type]
-        return read.get(key)
-
+    """A round of the cases of one seed on one plant; folder: of the results, with the agents that are trained."""
+    found, policy = list[CaseRound](), cache(partial(read_policy, folder))
     for case in cases:
         begin = time.perf_counter()
         payload = step(plan, case, policy)

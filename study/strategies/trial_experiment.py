@@ -66,15 +66,15 @@ class TrialExperiment(StudyExperiment):
 
     def stages(self, console: Console) -> Iterator[Stage]:
         """Rounds of dialogues and of populations; in the first also what the optimum returns."""
-        name, current, stems = f"[bold]{self.plan.name}[/]: {len(self.plan.cases)} cases", 0, dict[str, str]()
+        name, current, known = f"[bold]{self.plan.name}[/]: {len(self.plan.cases)} cases", 0, set[str]()
         while True:
-            dialogues, about = list(self._dialogues(current, stems)), f"{name}, round {current + 1}"
+            dialogues, about = list(self._dialogues(current)), f"{name}, round {current + 1}"
             yield Stage(dialogues, f"{about}: {len(dialogues)} dialogues to go on with" if dialogues else "")
             waited = self._round(current)
             if not waited:
                 return
-            tasks = self._populations(waited, stems)
-            stems |= {key: task.stem for task in tasks for key in task.keys}
+            tasks = self._populations(waited, known)
+            known |= {key for task in tasks for key in task.keys}
             training = self.unfinished(tasks, TRAININGS)
             more: list[Task] = [*training, *(self._designs(waited) if current == 0 else ())]
             agents = sum(len(task.keys) for task in training)
@@ -99,27 +99,21 @@ class TrialExperiment(StudyExperiment):
         found = {step.case: step for step in self.results.all(STEPS) if step.round == current}
         return [found[case] for case in self.plan.cases if case in found]
 
-    def _dialogues(self, current: int, stems: dict[str, str]) -> Iterator[BriefTask]:
+    def _dialogues(self, current: int) -> Iterator[BriefTask]:
         """The dialogues of a round that are not known yet, of a plant and a seed together."""
         groups: dict[tuple[str, str, int], list[Case]] = defaultdict(list)
-        own: dict[Case, set[str]] = defaultdict(set)
-        known = set()
-        for step in self.results.all(STEPS):
-            if step.round == current or (step.round < current and "answer" in step.payload):
-                known.add(step.case)
-            if step.round < current:
-                own[step.case] |= {*step.payload["setups"], *(step.payload["learn"] or ())[:1]}
+        before = [step for step in self.results.all(STEPS) if step.round <= current]
+        known = {step.case for step in before if step.round == current or "answer" in step.payload}
         for case in self.plan.cases:
             if case not in known:
                 groups[case.plant, case.sensing, case.seed].append(case)
         for (plant, sensing, seed), cases in groups.items():
-            kept = {key: stems[key] for key in sorted(set().union(*(own[case] for case in cases)))}
             name = f"round {current} on {plant} ({sensing}), seed {seed}"
             work = sum(0.5 + 0.3 * case.n for case in cases)
-            arguments = (self.plan, current, tuple(cases), kept, self.results.folder.resolve())
+            arguments = (self.plan, current, tuple(cases), self.results.folder.resolve())
             yield BriefTask(name, "strategies", work, STEPS, steps, arguments)
 
-    def _populations(self, waited: Sequence[CaseRound], known: dict[str, str]) -> list[PopulationTask]:
+    def _populations(self, waited: Sequence[CaseRound], known: set[str]) -> list[PopulationTask]:
         """Of the agents that no round before waited for."""
         setups: dict[str, tuple[dict[str, Any], int]] = {}
         learners: dict[str, Learner] = {}

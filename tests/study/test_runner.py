@@ -16,7 +16,7 @@ from study.paper.protocol import paper_model
 from study.paper.reference_controllers import REFERENCES
 from study.paper.sweep import Sweep, SweepPopulation, identify, sweep_results
 from study.paper.sweep_page import outputs
-from study.pipeline.population_task import read_policies
+from study.pipeline.population_task import read_policy
 from study.pipeline.publication import PUBLISHED
 from study.pipeline.stages import run
 from study.pipeline.tables import write_rows
@@ -74,14 +74,15 @@ def table(folder, name="runs.csv"):
 
 def test_every_run_is_of_its_points_plant_and_estimate(finished):
     folder, _, runs, _ = finished
-    policies = {c: p for path in folder.glob("policies/*.npz") for c, p in read_policies(path).items()}
-    assert {run.cell for run in runs} == set(MANY.cells) == set(policies)
+    assert {run.cell for run in runs} == set(MANY.cells)
+    assert len(list(folder.glob("policies/*.npz"))) == len(MANY.cells)
     for r in runs:
         point = MANY.point(r.cell.point)
         assert r.theta_hat == identify(point, r.cell.n, r.cell.seed)
         assert r.id_error == pytest.approx(np.linalg.norm(np.subtract(r.theta_hat, point.truth)))
         for found, starts in ((r.returns, start_states), (r.fresh_returns, fresh_start_states)):
-            answer = evaluate(policies[r.cell], paper_model(*point.truth), *starts(r.cell.seed, MANY.episodes))
+            policy = read_policy(folder, r.cell)
+            answer = evaluate(policy, paper_model(*point.truth), *starts(r.cell.seed, MANY.episodes))
             assert found == tuple(answer.returns.tolist())
 
 
