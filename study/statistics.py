@@ -21,13 +21,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr, stdtrit
+from scipy.stats import bootstrap
 
 from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
 from sysid.physics.ops import Array
-
-QUANTILE = 0.975
-"""Upper end of an interval that holds 95 %."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +72,8 @@ def paired_bootstrap(
     mean, seeds = float(np.mean(difference)), len(difference)
     if seeds == 1:
         return Contrast(mean, -math.inf, math.inf, seeds)
-    low, high = _interval(difference[None], np.random.default_rng(0) if rng is None else rng, resamples)
-    return Contrast(mean, float(low[0]), float(high[0]), seeds)
+    low, high = _interval(difference, np.random.default_rng(0) if rng is None else rng, resamples)
+    return Contrast(mean, float(low), float(high), seeds)
 
 
 def paired_t(a: ArrayLike, b: ArrayLike | None = None, level: float = 0.95) -> Contrast:
@@ -120,13 +118,9 @@ def _difference(a: ArrayLike, b: ArrayLike | None) -> Array:
 
 
 def _interval(samples: Array, rng: np.random.Generator, resamples: int) -> tuple[Array, Array]:
-    """Percentile intervals (R,) of the means of samples (R, S); all rows share the draws."""
-    seeds = samples.shape[1]
-    draws = rng.integers(0, seeds, size=(resamples, seeds))
-    counts = np.stack([np.sum(draws == s, axis=1) for s in range(seeds)])
-    means = samples @ (counts / seeds)
-    low, high = np.quantile(means, [1.0 - QUANTILE, QUANTILE], axis=1)
-    return low, high
+    """Percentile intervals (...,) of the means of samples (..., S), which share the draws."""
+    options = {"n_resamples": resamples, "method": "percentile", "random_state": rng, "batch": 200}
+    return bootstrap((samples,), np.mean, axis=-1, **options).confidence_interval
 
 
 def bootstrap_coverage(seeds: int, rng: np.random.Generator) -> float:
