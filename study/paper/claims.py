@@ -165,7 +165,7 @@ def starts(
     seeds: Sequence[int] = SEEDS,
     ours: Outcomes | None = None,
     alike: Collection[str] = ("main",),
-    optima: Callable[[Sequence[int]], tuple[float, float]] | None = None,
+    optima: Callable[[Sequence[int]], Sequence[float]] | None = None,
 ) -> Claim:
     """Do seeds have start states of their own, and what changes where they do?
 
@@ -190,7 +190,7 @@ def starts(
     return Claim("starts", IN_PART if states < total else HOLDS, text)
 
 
-def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], tuple[float, float]] | None) -> str:
+def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], Sequence[float]] | None) -> str:
     """What the best cell returns from both kinds of start states, and how far that is from the optimum of its seeds."""
     cells = ours.summary(best), ours.summary(best, fresh=True)
     shared, fresh = (f"{number(cell.mean)} ± {cell.sem:.1f}" for cell in cells)

@@ -85,7 +85,7 @@ class Preset(StudySettings):
     grid: int = 450
     resamples: int = 20_000
     companion: str | None = None
-    layout: ClassVar[int] = 4
+    layout: ClassVar[int] = 5
     experiment: ClassVar[str] = "study.paper.sweep"
 
     @property

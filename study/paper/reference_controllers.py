@@ -35,16 +35,15 @@ CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
 
 @dataclass(frozen=True)
 class Reference:
-    """The mean return on the hidden plant at truth, from a seed's start states, of a controller designed at theta on a
-    table of so many angles; with what made it."""
+    """The mean returns on the hidden plant at truth of a controller designed at theta, from a seed's start states and,
+    fresh, from states that no two seeds share; with what made it."""
 
     controller: str
     theta: Theta
     truth: Theta
     seed: int
     return_mean: float
-    grid: int
-    episodes: int
+    fresh_mean: float
     versions: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
 
@@ -57,8 +56,8 @@ class Reference:
 REFERENCES = ResultTable(
     "controllers",
     Reference,
-    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, return_mean REAL, grid INTEGER, "
-    "episodes INTEGER, versions TEXT, seconds REAL",
+    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, return_mean REAL, fresh_mean REAL, "
+    "versions TEXT, seconds REAL",
     keys=6,
 )
 
@@ -66,16 +65,16 @@ REFERENCES = ResultTable(
 def referred(
     preset: Preset, controller: str, theta: Theta, truths: Sequence[Theta], progress: Callable[[float], None]
 ) -> list[Reference]:
-    """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
+    """Design a controller at theta and run it on hidden plants from both start states of all seeds in question."""
     begin = time.monotonic()
     policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
-    starts = tuple(_starts(start_states, seeds, preset))
-    rows = {truth: evaluate(policy, paper_model(*truth), *starts).returns for truth in truths}
+    starts = [tuple(_starts(drawn, seeds, preset)) for drawn in (start_states, fresh_start_states)]
+    rows = {truth: [evaluate(policy, paper_model(*truth), *own).returns for own in starts] for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
-        Reference(controller, theta, truth, seed, mean, preset.grid, preset.episodes, found, seconds)
+        Reference(controller, theta, truth, seed, *means, found, seconds)
         for truth, returns in rows.items()
-        for seed, mean in zip(seeds, np.mean(returns.reshape(len(seeds), -1), axis=1).tolist(), strict=True)
+        for seed, *means in zip(seeds, *np.reshape(returns, (2, len(seeds), -1)).mean(axis=2).tolist(), strict=True)
     ]
 
 
@@ -85,12 +84,6 @@ def design(controller: str, theta: Theta, grid: int) -> Policy:
     if controller == LQR:
         return design_lqr(model)
     return design_swing_up(model) if controller == SWING_UP else solve(model, Grid(grid, grid + 1))
-
-
-def fresh_optimum(preset: Preset, truth: Theta, seeds: Sequence[int]) -> float:
-    """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
-    policy, starts = design(OPTIMAL, truth, preset.grid), _starts(fresh_start_states, seeds, preset)
-    return evaluate(policy, paper_model(*truth), *starts).mean
 
 
 def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[int], preset: Preset) -> Iterator[Array]:

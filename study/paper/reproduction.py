@@ -72,13 +72,11 @@ def reproduce(
     folder: Path,
     theirs: Outcomes | None = None,
     scatter: Scatter | None = None,
-    fresh_optimum: Callable[[Sequence[int]], float] | None = None,
 ) -> Reproduction:
     """Compare.
 
     folder: of the results, beside which those of other presets lie; theirs: the authors' runs, where they are given;
-    scatter: where identification was studied; fresh_optimum: of such seeds, at the main plant, from start states that
-    no two seeds share
+    scatter: where identification was studied
     """
     preset = found[0].preset
     base = PRESETS.get(preset.companion or "", preset)
@@ -103,7 +101,7 @@ def reproduce(
     if curves:
         drawings["identifiers"] = lambda: paper_figures.identifiers(curves, wider, allowed)
 
-    said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
+    said = _claims(found, own if preset.steps == base.steps else None, scatter)
     said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
     return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, drawings)
 
@@ -112,20 +110,13 @@ def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
     return [answer for answer in found if answer.point.truth == PAPER.points[0].truth]
 
 
-def _claims(
-    found: Sequence[PointFindings],
-    swept: Outcomes | None,
-    scatter: Scatter | None,
-    fresh_optimum: Callable[[Sequence[int]], float] | None,
-) -> list[Claim]:
+def _claims(found: Sequence[PointFindings], swept: Outcomes | None, scatter: Scatter | None) -> list[Claim]:
     alike = _on_main(found)
 
-    def optima(seeds: Sequence[int]) -> tuple[float, float]:
-        assert fresh_optimum is not None
-        return float(np.mean(alike[0].reference(OPTIMAL, seeds=seeds))), fresh_optimum(seeds)
+    def optima(seeds: Sequence[int]) -> list[float]:
+        return [float(np.mean(alike[0].reference(OPTIMAL, seeds, fresh=fresh))) for fresh in (False, True)]
 
-    names = [answer.point.name for answer in alike]
-    starts = claims.starts(SEEDS, swept, names, optima if alike and fresh_optimum else None)
+    starts = claims.starts(SEEDS, swept, [answer.point.name for answer in alike], optima if alike else None)
     identified = [claims.rate(scatter), claims.bias(scatter), claims.error_floor(scatter)] if scatter else []
     return [*identified, claims.plateau(swept), claims.monotone(swept), starts]
 

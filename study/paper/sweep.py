@@ -21,7 +21,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -33,7 +32,7 @@ from study.paper.finished_runs import RUNS, Outcomes, Run, read_import, read_pub
 from study.paper.identification_scatter import scatter
 from study.paper.presets import PAPER, Cell, Estimates, Point, Preset, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
-from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
+from study.paper.reference_controllers import REFERENCES, reference_tasks
 from study.paper.reproduction import reproduce
 from study.paper.sweep_findings import PointFindings
 from study.paper.sweep_page import outputs, sweep_account
@@ -219,11 +218,9 @@ class Sweep(StudyExperiment):
     def _account(self) -> Account:
         runs, references = self.results.all(RUNS), self.results.all(REFERENCES)
         found = [PointFindings(self.preset, point, runs, references) for point in self.preset.points]
-        identified, optimum = None, None
-        if self.preset.episodes == PAPER.episodes:  # else evaluations are not as published
-            identified = scatter(np.random.default_rng(0))
-            optimum = partial(fresh_optimum, self.preset, PAPER.points[0].truth)
-        return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
+        full = self.preset.episodes == PAPER.episodes  # else evaluations are not as published
+        identified = scatter(np.random.default_rng(0)) if full else None
+        return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified))
 
     def estimates(self) -> Estimates:
         """theta_hat by (point, n, seed)."""

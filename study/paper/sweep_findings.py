@@ -90,14 +90,15 @@ class PointFindings:
         """Mean ||theta_hat - truth|| of a budget."""
         return float(np.mean(self.outcomes.id_errors(self.point.name, n)))
 
-    def reference(self, controller: str, seeds: Sequence[int] | None = None) -> Array:
+    def reference(self, controller: str, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> Array:
         """Mean returns (S,) of a controller designed at the truth, by default from the study's seeds."""
         seeds = self.point.seeds if seeds is None else seeds
-        return np.array([self._means[controller, self.point.truth, seed] for seed in sorted(seeds)])
+        own = [self._known[controller, self.point.truth, seed] for seed in sorted(seeds)]
+        return np.array([r.fresh_mean if fresh else r.return_mean for r in own])
 
     @cached_property
-    def _means(self) -> dict[tuple[str, Theta, int], float]:
-        return {(r.controller, r.theta, r.seed): r.return_mean for r in self.references}
+    def _known(self) -> dict[tuple[str, Theta, int], Reference]:
+        return {(r.controller, r.theta, r.seed): r for r in self.references}
 
     def rating(self, controller: str, seeds: Sequence[int] | None = None) -> tuple[float, float]:
         """Mean return and SEM over seeds of a controller designed at the truth, by default from the study's seeds."""
@@ -110,7 +111,7 @@ class PointFindings:
 
     def design(self, key: Key) -> Array:
         """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
-        return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
+        return np.array([self._known[OPTIMAL, run.theta_hat, run.cell.seed].return_mean for run in self.cells[key]])
 
     def _paired(self, a: Array, b: Array) -> Contrast:
         return paired_bootstrap(a, b, resamples=self.preset.resamples)

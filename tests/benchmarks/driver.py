@@ -62,7 +62,7 @@ def invented(task: Task) -> list[Any]:
     if isinstance(task, BriefTask):
         preset, controller, theta, truths = task.arguments
         return [
-            Reference(controller, theta, truth, seed, -400.0, preset.grid, preset.episodes, versions, 1.0)
+            Reference(controller, theta, truth, seed, -400.0, -400.0, versions, 1.0)
             for truth in truths
             for seed in preset.reference_seeds
         ]

@@ -37,7 +37,7 @@ def study(point=QUICK.points[0], start_effect=20.0):
     returns |= {(OPTIMAL, theta): OPTIMUM - ESTIMATE_COST[n] for n, theta in ESTIMATES.items()}
     references = [
         Reference(
-            controller, theta, point.truth, seed, float(np.mean(episodes(mean, seed))), 450, 20, {"numpy": "2.x"}, 5.0
+            controller, theta, point.truth, seed, float(np.mean(episodes(mean, seed))), mean, {"numpy": "2.x"}, 5.0
         )
         for (controller, theta), mean in returns.items()
         for seed in starts

@@ -27,7 +27,7 @@ EPISODES = (-1.25, -2.5), (-3.0,)
 RUN = Run(
     Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.875, 0.625, -3.0, 7.5, *EPISODES, CURVE, SETTINGS, {"torch": "2"}
 )
-REFERENCE = Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, -1.0, 40, 4, {"numpy": "2"}, 3.0)
+REFERENCE = Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, -1.0, -2.0, {"numpy": "2"}, 3.0)
 ROWS = {
     "steps": (STEPS, ROUND, {"case": ROUND.case._replace(seed=0)}),
     "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
@@ -92,8 +92,8 @@ def test_every_case_has_its_own_rounds(field, tmp_path):
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
     trial_results(tmp_path / "mismatch", MISMATCH).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 4', expected '4'"):
+    with pytest.raises(InvalidInput, match="format 'mismatch 4', expected '5'"):
         sweep_results(tmp_path / "mismatch", SWEEP)
     sweep_results(tmp_path / "study", SWEEP).close()
-    with pytest.raises(InvalidInput, match="format '4', expected 'mismatch 4'"):
+    with pytest.raises(InvalidInput, match="format '5', expected 'mismatch 4'"):
         trial_results(tmp_path / "study", MISMATCH)
