@@ -65,11 +65,12 @@ def _fields(kind: type[Any]) -> dict[str, tuple[int, Callable[..., Any]]]:
 def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
     parts = get_args(hint)
     if hint in (str, int, float):
-        return 1, lambda cell: math.nan if hint is float and cell is None else cell
+        return 1, lambda cell: math.nan if hint is float and cell is None else hint(cell)
     if hasattr(hint, "_fields"):
-        return len(hint._fields), hint
+        kinds = get_type_hints(hint).values()
+        return len(kinds), lambda *cells: hint(*(kind(cell) for kind, cell in zip(kinds, cells, strict=True)))
     if get_origin(hint) is tuple and parts[-1] is not ...:
-        return len(parts), lambda *cells: cells
+        return len(parts), lambda *cells: tuple(kind(cell) for kind, cell in zip(parts, cells, strict=True))
     make = _of_json(hint)
     return 1, lambda cell: make(json.loads(cell))
 
