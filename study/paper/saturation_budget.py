@@ -90,8 +90,8 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
 def paragraph(
     curves: Mapping[str, BudgetCurve], wider: Mapping[str, BudgetCurve], references: Mapping[str, float]
 ) -> str:
-    """Where the saturation budget moves with a better identifier, and what a rollout is then worth; wider: the
-    curves at another width."""
+    """Where the saturation budget is with each identifier, and what a rollout is then worth; wider: the curves at
+    another width."""
     if not curves:
         return ""
     any_, grid = next(iter(curves.values())), curves.get(GRID)
@@ -102,7 +102,6 @@ def paragraph(
     said += map(_sentence, curves.values())
     if grid:
         said += [_closer(grid, curve) for name, curve in curves.items() if name != GRID]
-        said += [_conclusion(grid, curves["least_squares"])] if "least_squares" in curves else []
     if wider:
         bent = {LABELS[name]: f"n = {c.saturation}" if c.saturation else "none" for name, c in wider.items()}
         budgets = [f"{n} with {label}" for label, n in bent.items()]
@@ -132,16 +131,3 @@ def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
         f"From the same rollouts {LABELS[other.identifier]} finds m and l {min(ratios):.0f} to {max(ratios):.0f} "
         "times closer than the grid."
     )
-
-
-def _conclusion(grid: BudgetCurve, good: BudgetCurve) -> str:
-    text = (
-        "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
-        "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
-    )
-    if good.saturation is None or grid.saturation is None:
-        return text
-    text += f" So the saturation budget moves from n = {grid.saturation} to n = {good.saturation}"
-    if good.after is None or good.after.significant:
-        return f"{text}."
-    return f"{text}, and past it another rollout is worth nothing that these seeds could show."

@@ -59,7 +59,6 @@ def test_the_paragraph_says_so():
     assert "95 % of that gap are closed, give or take a standard error, from n = 10 on, at 42 a rollout" in text
     assert "n = 50 closes 81 % of that gap" in text
     assert "40 to 40 times closer" in text
-    assert "the saturation budget moves from n = 10 to n = 1" in text
 
 
 def test_a_failed_seed_moves_no_saturation_budget():
@@ -88,4 +87,4 @@ def test_a_saturation_that_ends_again_is_none_yet():
 def test_nothing_is_said_where_nothing_was_run():
     assert budget_curves(runs(())) == {}
     assert paragraph({}, {}, REFERENCES) == ""
-    assert "sensing" not in paragraph(budget_curves(runs(("grid",))), {}, REFERENCES)
+    assert "closer than" not in paragraph(budget_curves(runs(("grid",))), {}, REFERENCES)
