@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -20,17 +19,6 @@ from sysid.physics.ops import Array
 
 TABLE = Grid(120, 121, u=5, memory=3)
 """More torques and memory change returns by 0.01 %."""
-
-
-class Decision(Protocol):
-    """A problem in which a policy is made for what is believed, and earns what is true."""
-
-    def returns(self, believed: Array, true: Array) -> Array:
-        """The return (K,) of the policy made for each believed (K, D, P), on the machine of that row of true (K, P).
-
-        The policy is for one set of parameters, or for D of them alike.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +46,10 @@ class SwingUpDecision:
         return cls(dataclasses.replace(machine, effects=moving), tuple(names), episodes, table)
 
     def returns(self, believed: Array, true: Array) -> Array:
+        """The return (K,) of the policy made for each believed (K, D, P), on the machine of that row of true (K, P).
+
+        The policy is for one set of parameters, or for D of them alike.
+        """
         kept = believed[..., self._kept]
         _, first, which = np.unique(kept.reshape(len(kept), -1), axis=0, return_index=True, return_inverse=True)
         designed = [self._policy(believed[i]) for i in first]

@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 
 from study.formatting import MINUS
 from study.statistics import sem
-from study.worth.decision import Decision
+from study.worth.decision import SwingUpDecision
 from study.worth.posterior import BoundedNormal
 from sysid import Estimate, InvalidInput
 from sysid.limits import check_size
@@ -180,7 +180,7 @@ def counted(further: Further) -> str:
 def worth_of_rollouts(
     estimate: Estimate,
     rollouts: float,
-    decision: Decision,
+    decision: SwingUpDecision,
     design: Design | None = None,
     price: float | None = None,
     further: Sequence[int] = (1, 3, 10),
@@ -251,7 +251,7 @@ def cost_of_errors(posterior: BoundedNormal, true: Array, loss: Array) -> Array:
     return cost
 
 
-def _for_all_machines(decision: Decision, believed: Array, true: Array) -> Array:
+def _for_all_machines(decision: SwingUpDecision, believed: Array, true: Array) -> Array:
     """The returns (K,) of one policy, made for believed (D, P)."""
     return decision.returns(np.broadcast_to(believed, (len(true), *believed.shape)), true)
 
