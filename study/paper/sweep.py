@@ -238,13 +238,7 @@ class Sweep(StudyExperiment):
         for index, cells in enumerate(self.preset.populations(self.results.device)):
             theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
             tasks.append(SweepPopulation(self.preset, index, cells, theta, **self.training))
-        return sorted(self.unfinished(tasks, RUNS), key=self._between)
-
-    def _between(self, task: SweepPopulation) -> float:
-        """How far inside its point's widths a population trains: the narrowest and the widest band come first, since
-        a sweep that is stopped then knows what width costs."""
-        w, widths = task.cells[0].w, self.preset.point(task.cells[0].point).widths
-        return min(w - min(widths), max(widths) - w)
+        return self.unfinished(tasks, RUNS)
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

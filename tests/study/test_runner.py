@@ -146,16 +146,6 @@ def test_a_finished_study_has_nothing_left_to_do(finished):
     assert again == runs
 
 
-def test_the_narrowest_and_the_widest_band_train_first(tmp_path, monkeypatch):
-    """A sweep that is stopped early then knows what width costs."""
-    monkeypatch.setattr("study.paper.sweep.SweepPopulation.run", lambda self, link: [])
-    wide = dataclasses.replace(MANY, points=(Point("main", (0, 2), (0.0, 0.1, 0.3, 0.5), (0,)),), population=2)
-    with sweep_results(tmp_path, wide) as store:
-        executor = Inline()
-        run(Sweep(wide, store, 1e9), executor, Console(file=io.StringIO()))
-    assert [task.cells[0].w for task in trained(executor)] == [0.0, 0.5, 0.1, 0.3]
-
-
 def test_on_another_device_all_agents_train_together(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("study.paper.sweep.SweepPopulation.run", lambda self, link: [])
     with sweep_results(tmp_path, MANY, "cuda") as store:
