@@ -81,7 +81,7 @@ def mismatch_findings(plan: MismatchPlan, results: TrialResults) -> MismatchFind
     verdicts: dict[tuple[str, int], Counter[Verdict]] = {}
     for case, said in payloads.items():
         if case.strategy == "mended":
-            verdict = Verdict(said["verdict"], tuple(said["steps"]), said["about"].get("believed", True))
+            verdict = Verdict(said["verdict"], tuple(said["steps"]), said["believed"])
             verdicts.setdefault((case.plant, case.n), Counter())[verdict] += 1
     return MismatchFindings(**vars(found), splits=splits, verdicts=verdicts)
 

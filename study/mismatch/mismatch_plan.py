@@ -62,7 +62,7 @@ CONTRASTS = (("mended", "fitted"), ("band", "fitted"), ("mended", "all_effects")
 class MismatchPlan(TrialPlan):
     """Everything that the experiment's numbers depend on; all seeds are of every strategy that a contrast names."""
 
-    layout: ClassVar[int] = 4
+    layout: ClassVar[int] = 5
     kind: ClassVar[str] = "mismatch"
     page: ClassVar[str] = "study.mismatch.mismatch_page"
 

@@ -49,7 +49,7 @@ class FinishedCase:
     def agents(self) -> list[Trained]:
         """That which was deployed, and the best candidate where returns were compared."""
         means = {self.key: self.mean} | ({} if self.best_anew is None else {f"{self.key}-best": self.best_anew})
-        return [Trained(key, {self.plant: (mean,)}, (), {}, 0.0) for key, mean in means.items()]
+        return [Trained(key, {self.plant: (mean,)}, {}, 0.0) for key, mean in means.items()]
 
     def last_round(self, source: str) -> CaseRound:
         """The case as if its first round had ended it."""

@@ -37,16 +37,15 @@ from study.trials.training_setup import TrainingSetup, together, training_setup_
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained agent: returns (E,) by hidden plant; curve: (env steps done, return) of the training episodes."""
+    """A trained agent: returns (E,) by hidden plant."""
 
     key: str
     returns: dict[str, tuple[float, ...]]
-    curve: tuple[tuple[int, float], ...]
     versions: dict[str, str]
     seconds: float
 
 
-TRAININGS = ResultTable("trainings", Trained, "key TEXT, returns TEXT, curve TEXT, versions TEXT, seconds REAL", keys=1)
+TRAININGS = ResultTable("trainings", Trained, "key TEXT, returns TEXT, versions TEXT, seconds REAL", keys=1)
 
 
 @dataclass(frozen=True)
@@ -142,10 +141,7 @@ class AgentPopulation(PopulationTask):
         for plant in self.plants:
             for own, row in zip(reached, batch_returns(policies, ground_truth(plant), *states), strict=True):
                 own[plant.name] = tuple(row.tolist())
-        return [
-            Trained(agent.key, own, tuple((int(step), float(value)) for step, value in curve), found, seconds)
-            for agent, own, curve in zip(self.agents, reached, population.curves, strict=True)
-        ]
+        return [Trained(key, own, found, seconds) for key, own in zip(self.keys, reached, strict=True)]
 
 
 @dataclass(frozen=True)

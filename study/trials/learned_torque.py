@@ -152,20 +152,9 @@ FAILED_DECAYS = 2
 """Decays that may fail to lower the held-out error before the search ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class NetworkFit:
-    """A model with a command filter and a learned torque, or the one that came where neither helped.
-
-    before, after   error on the held-out rollouts, in units of the sensor's noise, before these were learned from, too
-    """
-
-    model: Model
-    before: float
-    after: float
-
-
-def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.random.Generator) -> NetworkFit:
-    """Learn what the records show beyond a model whose own numbers stay.
+def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.random.Generator) -> Model:
+    """Learn what the records show beyond a model whose own numbers stay: the model with a command filter and a learned
+    torque, or the one that came where neither helps.
 
     Raises InvalidInput for fewer than two records, or those that do not fit the model.
     """
@@ -173,9 +162,8 @@ def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np
         raise InvalidInput(f"{len(records)} records to learn from: expected at least two, one is held out")
     count = max(1, round(HELD_OUT * len(records)))
     held, seen = records[:count], records[count:]
-    before = held_out_error(model, held, sensor, WINDOW).ratio
     weights = Weights.untrained(model, rng)
-    chosen, least, failed = 0, before, 0
+    chosen, least, failed = 0, held_out_error(model, held, sensor, WINDOW).ratio, 0
     for k, p in enumerate(_path(weights, seen, sensor, DECAYS), 1):
         after = held_out_error(weights.model(p), held, sensor, WINDOW).ratio
         failed = 0 if after < least else failed + 1
@@ -184,9 +172,9 @@ def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np
         elif failed == FAILED_DECAYS:
             break
     if not chosen:
-        return NetworkFit(model, before, before)
+        return model
     *_, p = _path(weights, records, sensor, DECAYS[:chosen])
-    return NetworkFit(weights.model(p), before, least)
+    return weights.model(p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -95,14 +94,12 @@ class Budget:
         return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
 
     def _mended(self) -> TrainingSetup:
-        found, model = self.diagnosis, self.mended.model.machine
-        drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
+        found, model, drawn = self.diagnosis, self.mended.model.machine, center(self.mended)
         if not self.believed:
-            drawn, force = self._with_random_force(drawn, self.mended.model)
-            about |= {"believed": False, **force}
+            drawn = self._with_random_force(drawn, self.mended.model)
         elif found.verdict == "cannot tell":
             model, drawn = self._class()
-        return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
+        return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), self.believed)
 
     def _posterior(self) -> TrainingSetup:
         named = self._mended()
@@ -143,24 +140,19 @@ class Budget:
         errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
         found = (first, second)[int(np.argmin(errors))]
         numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
-        return TrainingSetup(
-            second.model.with_parameters(numbers), Band(numbers), about={"fit_errors": errors, "success": found.success}
-        )
+        return TrainingSetup(second.model.with_parameters(numbers), Band(numbers))
 
     def _network(self) -> TrainingSetup:
         learned = fit_network(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
-        return TrainingSetup(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
+        return TrainingSetup(learned, center(self.fitted))
 
     def _random_force(self) -> TrainingSetup:
-        drawn, about = self._with_random_force(center(self.fitted), self.fitted.model)
-        return TrainingSetup(self.fitted.model, drawn, about=about)
+        return TrainingSetup(self.fitted.model, self._with_random_force(center(self.fitted), self.fitted.model))
 
-    def _with_random_force(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
+    def _with_random_force(self, drawn: Randomization, model: Model) -> Randomization:
         """Random torques of the size and memory that the log asks for beyond the model."""
         residual = residual_torque(model, self.records, self.sensor)
-        if not residual.present:
-            return drawn, {"s": 0.0}
-        return RandomForce(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
+        return RandomForce(drawn, residual.s, residual.T) if residual.present else drawn
 
 
 def _at(estimate: Estimate) -> TrainingSetup:

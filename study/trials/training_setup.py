@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,15 @@ class TrainingSetup:
     """What an agent trains on.
 
     model    the machine at the centre of what is drawn; drawn: the parameters of every episode
-    verdict  a diagnosis' verdict, and steps: the effects that it added; "" and () where nothing was diagnosed
-    about    other numbers that were found on the way
+    verdict  a diagnosis' verdict, steps: the effects that it added, and whether these were believed; "" and () where
+             nothing was diagnosed
     """
 
     model: Model
     drawn: Randomization
     verdict: str = ""
     steps: tuple[str, ...] = ()
-    about: dict[str, Any] = field(default_factory=dict)
+    believed: bool = True
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, from which `training_setup_of` makes the same setup."""
@@ -44,7 +44,7 @@ class TrainingSetup:
             "drawn": self.drawn.to_json(),
             "verdict": self.verdict,
             "steps": list(self.steps),
-            "about": self.about,
+            "believed": self.believed,
         }
 
     @property
@@ -68,7 +68,7 @@ def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
             model = model.with_effect(OUTSIDE[name](**numbers))
         if data["learned"] is not None:
             model = _with_learned(model, data["learned"])
-        return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["about"])
+        return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["believed"])
     except (KeyError, TypeError) as error:
         raise InvalidInput(f"no training setup ({error!r}): expected what TrainingSetup.to_json gives") from None
 

@@ -42,12 +42,12 @@ def invented():
         setup = TrainingSetup(model if case.strategy in ("oracle", "prior") else model.with_parameters(theta), Fixed())
         if case.strategy == "mended":
             said = ("missing", ("delay",)) if named else ("unknown", ())
-            setup = dataclasses.replace(setup, verdict=said[0], steps=said[1], about={"believed": named})
+            setup = dataclasses.replace(setup, verdict=said[0], steps=said[1], believed=named)
         key = f"{key_of(setup, seed)}-{case.strategy}-{case.plant}"
         answer = {"deployed": key, "best": None, "observed": None, "rollouts": case.n, "simulated": 7}
         rounds.append(CaseRound(case, 0, {"setups": {key: setup.to_json()}, "learn": None, "answer": answer}, 1.0))
         reached = RETURNS[case.strategy] + np.random.default_rng(seed).normal(0.0, 5.0)
-        trained.append(Trained(key, {own.name: (reached,) * 2 for own in PLAN.plants}, (), {}, 10.0))
+        trained.append(Trained(key, {own.name: (reached,) * 2 for own in PLAN.plants}, {}, 10.0))
         if case.strategy in PLAN.centers:
             designs.append(Designed(plant.name, setup.model_key, seed, (-450.0 - seed,) * 2, 1.0))
     for plant in PLAN.plants:

@@ -22,7 +22,7 @@ SWEEP = dataclasses.replace(PRESETS["smoke"], name=MISMATCH.name)
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 ROUND = CaseRound(Case("delay_medium", "encoder", "mended", 5, 1), 0, {"model": MODEL, "verdict": "delay"}, 7.5)
-TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
+TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, {"torch": "2"}, 9.0)
 EPISODES = (-1.25, -2.5), (-3.0,)
 RUN = Run(
     Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.875, 0.625, -3.0, 7.5, *EPISODES, CURVE, SETTINGS, {"torch": "2"}
@@ -92,8 +92,8 @@ def test_every_case_has_its_own_rounds(field, tmp_path):
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
     trial_results(tmp_path / "mismatch", MISMATCH).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 4', expected '5'"):
+    with pytest.raises(InvalidInput, match="format 'mismatch 5', expected '5'"):
         sweep_results(tmp_path / "mismatch", SWEEP)
     sweep_results(tmp_path / "study", SWEEP).close()
-    with pytest.raises(InvalidInput, match="format '5', expected 'mismatch 4'"):
+    with pytest.raises(InvalidInput, match="format '5', expected 'mismatch 5'"):
         trial_results(tmp_path / "study", MISMATCH)

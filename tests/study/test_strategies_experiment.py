@@ -185,9 +185,9 @@ def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
                   "rollouts": case.n, "simulated": 7}  # fmt: skip
         steps.append(CaseRound(case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
         worth = returns[case.strategy, case.n] + 0.1 * case.seed
-        trained.append(Trained(key, {"plain": (worth, worth)}, (), {}, 0.0))
+        trained.append(Trained(key, {"plain": (worth, worth)}, {}, 0.0))
         if compares:
-            trained.append(Trained(best, {"plain": (-140.0,)}, (), {}, 0.0))
+            trained.append(Trained(best, {"plain": (-140.0,)}, {}, 0.0))
     designs = [Designed("plain", OPTIMUM, seed, (optimum,), 0.0) for seed in seeds]
     return plan, TrialResults(steps, trained, designs)
 
@@ -253,7 +253,7 @@ def test_a_strategy_alone_is_told_of_where_it_can_be_run(name, places):
     cases = {case: {"deployed": str(case), "best": None, "observed": None, "rollouts": case.n, "simulated": 1}
              for case in plan.cases}  # fmt: skip
     steps = [CaseRound(case, 0, {"setups": {}, "learn": None, "answer": answer}, 0.0) for case, answer in cases.items()]
-    trained = [Trained(str(case), {case.plant: (-100.0,)}, (), {}, 0.0) for case in cases]
+    trained = [Trained(str(case), {case.plant: (-100.0,)}, {}, 0.0) for case in cases]
     designs = [Designed(plant.name, OPTIMUM, seed, (-100.0,), 0.0) for plant, _ in plan.places for seed in plan.seeds]
     found = trial_findings(plan, TrialResults(steps, trained, designs))
     assert dict(strategies_sentences(found))["How many rollouts does it take?"].count("come") == places
