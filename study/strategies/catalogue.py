@@ -35,14 +35,15 @@ PLACES = {
 
 
 def strategy_called(name: str) -> Strategy:
-    """The strategy of that name. Raises InvalidInput for an unknown one, and for a file without such a class."""
+    """The strategy of that name. Raises InvalidInput for an unknown one or one of an unknown group, and for a file
+    without such a class."""
     found = _found(name)
     return found() if isinstance(found, type) else found
 
 
 @cache
 def _found(name: str) -> type[Strategy] | Strategy:
-    from study.strategies.strategy import Strategy
+    from study.strategies.strategy import GROUPS, Strategy
     from sysid import InvalidInput
     from sysid.data.files import read_file
     from sysid.data.user_effects import run_file
@@ -58,4 +59,6 @@ def _found(name: str) -> type[Strategy] | Strategy:
     found = getattr(run_file(Path(path).resolve(), f"{__name__}:{path}"), own, None)
     if not (isinstance(found, type) and issubclass(found, Strategy)):
         raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.strategy.Strategy")
+    if found.group not in GROUPS:
+        raise InvalidInput(f"strategy {name!r} has group = {found.group!r}: expected one of {', '.join(GROUPS)}")
     return found

@@ -141,7 +141,6 @@ def steps(
 def step(plan: TrialPlan, case: Case, found: Found) -> dict[str, Any]:
     """How far a case's dialogue comes with the agents that are found. Raises InvalidInput as `advance` does."""
     strategy, plant = plan.strategy_on(plan.plant(case.plant), case.strategy), plan.plant_of(case)
-    strategy.check(case.strategy, case.n, case.sensing)
     rng = np.random.default_rng([case.seed, int(digest(case.strategy), 16)])
     situation = Situation(PRIOR, plant.sensor, case.n, case.seed, rng)
     try:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from study.trials.training_setup import TrainingSetup
-from sysid import InvalidInput, Model, Record, Sensor
+from sysid import Model, Record, Sensor
 from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
@@ -179,13 +179,3 @@ class Strategy(ABC):
     @abstractmethod
     def spend(self, situation: Situation) -> Dialogue:
         """Ask for rollouts and trainings, and return what the final agent is."""
-
-    def check(self, name: str, budget: int, sensing: str) -> None:
-        """Raise InvalidInput for a budget or readings that it cannot use, and for an unknown group."""
-        if self.group not in GROUPS:
-            raise InvalidInput(f"strategy {name!r} has group = {self.group!r}: expected one of {', '.join(GROUPS)}")
-        if self.needs_angle and sensing != "encoder":
-            raise InvalidInput(f"strategy {name!r} was given sensing {sensing!r}: expected encoder, it needs angles")
-        if not self.least <= budget <= self.most:
-            wanted = "none" if self.most == 0 else f"at least {self.least}"
-            raise InvalidInput(f"strategy {name!r} was given {budget} rollouts: expected {wanted}")
