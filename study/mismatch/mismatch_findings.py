@@ -70,7 +70,7 @@ class MismatchFindings(TrialFindings):
 
 
 def mismatch_findings(plan: MismatchPlan, results: TrialResults) -> MismatchFindings:
-    """The answer from the results; raises InvalidInput where some are missing."""
+    """The answer from the results of a finished experiment."""
     found, answers, designed = trial_findings(plan, results), results.answers, results.designed
     payloads = {own.case: own.payload["setups"][answers[own.case]["deployed"]] for own in results.rounds}
     setups = {case: training_setup_of(payload) for case, payload in payloads.items()}

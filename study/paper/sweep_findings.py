@@ -18,7 +18,6 @@ from study.paper.presets import Point, Preset, Theta
 from study.paper.published_numbers import CellSummary, Spot
 from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
 from study.statistics import Contrast, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem
-from sysid import InvalidInput
 from sysid.physics.ops import Array
 
 Key = tuple[int, float]
@@ -38,8 +37,6 @@ class Gap:
 class PointFindings:
     """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point, the
     runs sorted by their cells.
-
-    Raises InvalidInput where runs or references are missing.
     """
 
     preset: Preset
@@ -52,13 +49,6 @@ class PointFindings:
         runs = sorted((run for run in self.runs if run.cell in cells), key=lambda run: run.cell)
         object.__setattr__(self, "runs", runs)
         object.__setattr__(self, "references", [r for r in self.references if r.truth == self.point.truth])
-        missing = cells - {run.cell for run in self.runs}
-        if missing:
-            raise InvalidInput(f"{len(missing)} of {len(cells)} runs are missing, such as {min(missing)}")
-        designs = {r.theta for r in self.references if r.controller == OPTIMAL}
-        lacking = {self.point.truth, *(run.theta_hat for run in self.runs)} - designs
-        if lacking:
-            raise InvalidInput(f"the optimal controller is missing for theta = {min(lacking)}")
 
     @cached_property
     def cells(self) -> dict[Key, list[Run]]:

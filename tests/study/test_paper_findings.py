@@ -5,8 +5,6 @@ import dataclasses
 import pytest
 
 from study.formatting import MINUS
-from study.paper.sweep_findings import PointFindings
-from sysid import InvalidInput
 
 
 def test_what_rollouts_and_width_were_worth_comes_out(answer):
@@ -61,11 +59,3 @@ def test_one_seed_shows_no_difference(answer):
     assert not alone.contrast((50, 0.0), (0, 0.0)).significant
     assert all("not distinguishable" in text for _, text in alone.sentences()[:2])
     assert "no interval is finite" in alone.caveat()
-
-
-def test_missing_runs_and_references_are_refused(answer):
-    with pytest.raises(InvalidInput, match="1 of 18 runs"):
-        PointFindings(answer.preset, answer.point, answer.runs[1:], answer.references)
-    with pytest.raises(InvalidInput, match=r"missing for theta = \(2.0, 1.5\)"):
-        PointFindings(answer.preset, answer.point, answer.runs, [r for r in answer.references if r.theta != (2.0, 1.5)])
-    assert dataclasses.replace(answer).best == answer.best

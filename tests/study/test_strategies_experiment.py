@@ -258,9 +258,3 @@ def test_a_strategy_alone_is_told_of_where_it_can_be_run(name, places):
     found = trial_findings(plan, TrialResults(steps, trained, designs))
     assert dict(strategies_sentences(found))["How many rollouts does it take?"].count("come") == places
     assert len(returns_of_strategies(found).axes) >= places
-
-
-def test_an_unfinished_experiment_has_no_findings():
-    plan, results = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
-    with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
-        trial_findings(plan, results._replace(rounds=results.rounds[1:]))
