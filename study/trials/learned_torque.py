@@ -113,14 +113,8 @@ def stacked(effects: Sequence[Sequence[Effect]], device: str = "cpu") -> tuple[E
     """The learned effects of A agents as those of one model, whose pendulum a moves as under effects[a] alone.
 
     effects   of each agent a filter and a torque, in this order
-    Raises InvalidInput where an agent has others.
     """
     import torch
-
-    for own in effects:
-        if tuple(type(e) for e in own) != (CommandFilter, ResidualNetwork):
-            came = ", ".join(e.name for e in own) or "none"
-            raise InvalidInput(f"an agent has the effects {came}: expected command_filter, residual_network")
 
     def together(numbers: Sequence[Any]) -> Value:
         return torch.from_numpy(np.stack([np.asarray(n, dtype=float) for n in numbers])).to(device)

@@ -13,7 +13,7 @@ from policies.environments.randomization import Randomization, from_json
 from study.pipeline.settings import digest
 from study.trials.learned_torque import CommandFilter, ResidualNetwork, stacked
 from study.trials.outside_effects import OUTSIDE
-from sysid import InvalidInput, Model
+from sysid import Model
 from sysid.estimation.saved_model import from_dict, to_dict
 
 
@@ -61,16 +61,13 @@ class TrainingSetup:
 
 
 def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
-    """The setup in plain data; raises InvalidInput for other data."""
-    try:
-        model = from_dict(data["model"]).model
-        for name, numbers in data["outside"].items():
-            model = model.with_effect(OUTSIDE[name](**numbers))
-        if data["learned"] is not None:
-            model = _with_learned(model, data["learned"])
-        return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["believed"])
-    except (KeyError, TypeError) as error:
-        raise InvalidInput(f"no training setup ({error!r}): expected what TrainingSetup.to_json gives") from None
+    """The setup in plain data."""
+    model = from_dict(data["model"]).model
+    for name, numbers in data["outside"].items():
+        model = model.with_effect(OUTSIDE[name](**numbers))
+    if data["learned"] is not None:
+        model = _with_learned(model, data["learned"])
+    return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["believed"])
 
 
 def _numbers(taps: CommandFilter, network: ResidualNetwork) -> dict[str, Any]:

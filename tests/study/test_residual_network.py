@@ -19,7 +19,7 @@ from study.trials.learned_torque import (
     stacked,
     untrained,
 )
-from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
+from sysid import InvalidInput, RodPendulum, effect, fit, simulate
 from sysid.estimation.held_out import held_out_error
 
 SENSOR = SENSORS["encoder"]
@@ -70,11 +70,6 @@ def test_stacked_pendulums_move_as_each_alone():
         state = together.advance(state, torch.full((3,), u, dtype=torch.float64))
         alone = [m.advance(s, u) for m, s in zip(models, alone, strict=True)]
     np.testing.assert_allclose(state.theta, [s.theta for s in alone], rtol=1e-12)
-
-
-def test_stacking_anything_else_is_refused():
-    with pytest.raises(InvalidInput, match="has the effects viscous: expected command_filter, residual_network"):
-        stacked([(Viscous(b=0.1),)])
 
 
 def test_derivatives_are_finite_differences():

@@ -90,8 +90,6 @@ def test_the_plant_refuses_the_rollout_after_the_last_and_plays_none_of_them():
         plant.play(Play(0))
     with pytest.raises(InvalidInput, match=r"torques have shape \(1, 9\): expected \(2, N\)"):
         plant.play(Play(2, np.zeros((1, 9))))
-    with pytest.raises(InvalidInput, match="sensing 'camera': expected one of speed, encoder"):
-        BudgetedPlant(ELSEWHERE, "camera", 1, 1)
 
 
 def test_whoever_plays_the_kth_rollout_sees_the_same():
