@@ -6,7 +6,6 @@ python -m study.main --preset paper-small   the paper's grid with small networks
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import shlex
@@ -66,10 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from sysid.cli.command_line import called
 
     program, given = called("python -m study.main"), sys.argv[1:] if arguments is None else list(arguments)
-    options, unknown = tyro.cli(Options, prog=program, args=given, return_unknown_args=True)
-    if unknown:
-        known = ", ".join(f"--{f.name.rstrip('_').replace('_', '-')}" for f in dataclasses.fields(Options))
-        return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
+    options = tyro.cli(Options, prog=program, args=given)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     return _study(options, f"{program} {shlex.join(given)}".strip())
 
