@@ -9,14 +9,6 @@ from study.paper.presets import PAPER, PRESETS, QUICK, Cell
 from study.paper.published_numbers import CELLS, Spot
 
 
-def test_quick_is_a_small_grid_on_the_papers_plant():
-    (point,) = QUICK.points
-    assert (point.budgets, point.widths, len(point.seeds)) == ((0, 5, 50), (0.0, 0.5), 3)
-    assert (point.truth, point.prior, point.sigma) == ((2.0, 1.5), (1.0, 1.0), 1.0)
-    assert (QUICK.hidden, QUICK.steps, QUICK.episodes) == ((64, 64), 30_000, 20)
-    assert (PAPER.hidden, PAPER.steps, PAPER.episodes) == ((256, 256), 75_000, 20)
-
-
 @pytest.mark.parametrize("size", ["", "-small"])
 def test_paper_and_robustness_are_the_published_cells_and_plants(size):
     presets = [PRESETS[f"{name}{size}"] for name in ("paper", "robustness")]
