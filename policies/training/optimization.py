@@ -1,13 +1,11 @@
-"""Adam and the target update without what torch and TorchRL do around them at every step."""
+"""Adam without what torch does around it at every step."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.objectives import SoftUpdate
 
 
 class FusedAdam(torch.optim.Adam):
@@ -46,13 +44,3 @@ class FusedAdam(torch.optim.Adam):
             numbers, list(gradients), means, squares, [], steps,
             lr=self._rate, beta1=mean, beta2=square, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
         )  # fmt: skip
-
-
-class FastSoftUpdate(SoftUpdate):
-    """TorchRL's SoftUpdate, all leaves at once instead of through TensorDicts."""
-
-    @torch.no_grad()
-    def _step(self, p_source: TensorDictBase, p_target: TensorDictBase) -> None:
-        """target <- target + tau (source - target)."""
-        keys = list(p_source.keys(True, True))
-        torch._foreach_lerp_([p_target.get(key) for key in keys], [p_source.get(key) for key in keys], 1.0 - self.eps)

@@ -20,14 +20,13 @@ from zipfile import BadZipFile, ZipFile
 
 import torch
 from torch import Tensor
-from torchrl.objectives import LossModule
+from torchrl.objectives import LossModule, SoftUpdate
 
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.randomization import Randomization
 from policies.limits import TRAINING_MEMORY
 from policies.network_policy import NetworkPolicy
 from policies.training.networks import layers_of
-from policies.training.optimization import FastSoftUpdate
 from sysid import InvalidInput, Model
 from sysid.data.files import whole
 from sysid.limits import check_size
@@ -112,7 +111,7 @@ class Population(ABC):
         self._curve: list[tuple[int, Tensor]] = []
         with self.device:
             self.loss = self._loss(3 + history)
-        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+        self.target_update = SoftUpdate(self.loss, tau=settings.polyak)
         self._prepare()
 
     @abstractmethod

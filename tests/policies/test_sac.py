@@ -7,10 +7,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 from torch import nn
+from torchrl.objectives import SoftUpdate
 
 from policies.training.cpu_settings import tune_cpu
 from policies.training.networks import layers_of
-from policies.training.optimization import FastSoftUpdate, FusedAdam
+from policies.training.optimization import FusedAdam
 from policies.training.sac import FastSACLoss, SACSettings, StackedSACLoss
 from sysid import InvalidInput
 
@@ -46,7 +47,7 @@ class Learner:
         self.loss = loss(seeds, settings, observation_size, action_size)
         self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
         self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
-        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+        self.target_update = SoftUpdate(self.loss, tau=settings.polyak)
 
     def update(self, batch):
         self.critic_gradients = self.loss.critic_gradients(batch)
