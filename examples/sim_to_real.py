@@ -11,7 +11,6 @@ a log of random torques. Needs the extra [sim], and [onnx] for --train.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import importlib.util
 import math
 import os
@@ -24,7 +23,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import sysid
-from policies.control.design_model import table_shape
 from policies.control.dynamic_programming import Grid
 from policies.control.predictive import design_predictive
 from policies.environments import task
@@ -89,8 +87,7 @@ def record(u: np.ndarray, rng: np.random.Generator) -> sysid.Record:
 
 def optimal(model: sysid.Model) -> Policy:
     """The best policy on the model, by dynamic programming, from the state at which the commands under way will end."""
-    turns, _ = table_shape(model)
-    return design_predictive(model, dataclasses.replace(GRID, turns=turns))
+    return design_predictive(model, GRID)
 
 
 def trained(model: sysid.Model, seed: int, steps: int) -> Policy:

@@ -63,12 +63,11 @@ def _moved(model: Model, t: float = 0.0, turn: float = 0.0) -> np.ndarray:
     return np.stack(np.broadcast_arrays(after[0] - turn, after[1]))
 
 
-def table_shape(model: Model) -> tuple[int, bool]:
-    """Turns of theta that a table of the optimum has to span, and whether it needs an axis beside theta and theta_dot:
-    for what the input path remembers beyond whole samples of delay, or for time."""
+def has_third_axis(model: Model) -> bool:
+    """Whether a table of the optimum needs an axis beside theta and theta_dot: for what the input path remembers beyond
+    whole samples of delay, or for time."""
     core, _ = without_dead_time(model)
-    remembers = any(e.rest(core.dt) for e in core.input_effects)
-    return (1 if is_periodic(model) else 3), remembers or not is_steady(core)
+    return any(e.rest(core.dt) for e in core.input_effects) or not is_steady(core)
 
 
 def without_dead_time(model: Model) -> tuple[Model, int]:

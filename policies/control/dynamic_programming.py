@@ -74,6 +74,8 @@ def corners(axes: Sequence[Axis], point: Sequence[ArrayLike]) -> tuple[NDArray[n
     return nodes, weights
 
 
+TURNS = 3
+"""Turns of theta that a table spans where torques wind up with the angle."""
 LARGEST = 200_000_000
 """Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
 Stage = tuple[NDArray[np.float32], csr_array]
@@ -83,8 +85,6 @@ Stage = tuple[NDArray[np.float32], csr_array]
 class Grid:
     """Nodes of the table: `theta` angles a turn, `theta_dot` speeds up to +-theta_dot_max [rad/s] and `u` torques up
     to +-u_max; `memory` values of each number that the input path remembers.
-
-    turns   1: angles around the circle. More: a line of so many turns, for torques that wind up with the angle.
 
     The upright at rest without torque is a node, hence even and odd numbers. A speed beyond theta_dot_max counts as
     theta_dot_max, which is exact where the model clips it there. Twice the torques change the paper's returns by less
@@ -96,7 +96,6 @@ class Grid:
     u: int = 21
     theta_dot_max: float = 8.0
     memory: int = 9
-    turns: int = 1
 
     def __post_init__(self) -> None:
         if self.theta < 4 or self.theta % 2:
@@ -107,21 +106,6 @@ class Grid:
                 raise InvalidInput(f"a grid of {name} = {number} values: expected an odd number >= 3")
         if not 0.0 < self.theta_dot_max < math.inf:
             raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
-        if self.turns < 1:
-            raise InvalidInput(f"a grid of turns = {self.turns}: expected at least one")
-
-    @property
-    def axes(self) -> tuple[Axis, Axis]:
-        """Those of theta [rad] and theta_dot [rad/s]."""
-        circle, turn = self.turns == 1, 2.0 * math.pi
-        angles = Axis(turn, self.theta, circle=True) if circle else Axis(self.turns * turn, self.turns * self.theta + 1)
-        return angles, Axis(2.0 * self.theta_dot_max, self.theta_dot)
-
-    @property
-    def states(self) -> State:
-        """The nodes theta (T, 1) and theta_dot (1, D)."""
-        theta, theta_dot = self.axes
-        return State(theta.nodes[:, None], theta_dot.nodes[None, :])
 
     def torques(self, u_max: float) -> Array:
         return np.linspace(-u_max, u_max, self.u)
@@ -150,7 +134,8 @@ class Optimal:
         return len(self.values) - 1
 
     @cached_property
-    def _axes(self) -> tuple[Axis, ...]:
+    def axes(self) -> tuple[Axis, ...]:
+        """Those of the table."""
         return _axes(self.model, self.grid)
 
     def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0, memory: Sequence[Value] = ()) -> Array:
@@ -158,8 +143,8 @@ class Optimal:
 
         memory   the numbers that the input path remembers; by default those of rest
         """
-        remembered = tuple(memory) or (0.0,) * (len(self._axes) - 2)
-        nodes, weights = corners(self._axes, (theta, theta_dot, *remembered))
+        remembered = tuple(memory) or (0.0,) * (len(self.axes) - 2)
+        nodes, weights = corners(self.axes, (theta, theta_dot, *remembered))
         return np.einsum("...c,...c->...", self.values[k].ravel()[nodes], weights, dtype=np.float64)
 
     def __call__(self, state: State, t: float) -> Array:
@@ -167,7 +152,7 @@ class Optimal:
         if not 0 <= k < self.horizon:
             raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for {self.horizon} steps")
         memory = self.model.rest()
-        if len(self._axes) > 2:
+        if len(self.axes) > 2:
             memory = tuple(tuple(np.asarray(v)[..., None] for v in own) for own in state.memory)
         now = State(np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None], memory)
         torques = self.grid.torques(self.model.u_max)
@@ -187,8 +172,7 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None, dr
     draws     models that the machine may be: which one moves it is drawn anew at every step
 
     Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
-    remembers too much for the grid (`predictive` takes whole samples of a delay out), or whose torques wind up
-    with the angle while the grid has one turn.
+    remembers too much for the grid (`predictive` takes whole samples of a delay out).
     """
     grid = Grid() if grid is None else grid
     horizon = task.horizon(model.dt) if horizon is None else horizon
@@ -226,19 +210,20 @@ def _check(model: Model, grid: Grid, horizon: int) -> None:
             f"a table of {' x '.join(map(str, counts))} states at each of {horizon} steps is too large: expected a "
             "coarser grid, as Grid(120, 121), or a longer dt"
         )
-    if grid.turns == 1 and not is_periodic(model):
-        raise InvalidInput(
-            "the model's torques wind up with the angle: expected a grid of some turns, as Grid(turns=3)"
-        )
 
 
 def _axes(model: Model, grid: Grid) -> tuple[Axis, ...]:
-    """Those of the table. What is remembered are torques, which never exceed the largest that a command gives."""
+    """Those of the table: angles around the circle, or along some turns where torques wind up with the angle.
+
+    What is remembered are torques, which never exceed the largest that a command gives.
+    """
+    turn = 2.0 * math.pi
+    angles = Axis(turn, grid.theta, circle=True) if is_periodic(model) else Axis(TURNS * turn, TURNS * grid.theta + 1)
     remembered = len(_flat(model.initial_state(0.0, 0.0)))
     static = dataclasses.replace(model, effects=tuple(e for e in model.input_effects if not e.rest(model.dt)))
     drives, _ = static.drive(grid.torques(model.u_max), static.rest())
     reach = float(np.max(np.abs(drives[0]))) or 1.0
-    return (*grid.axes, *(Axis(2.0 * reach, grid.memory),) * remembered)
+    return (angles, Axis(2.0 * grid.theta_dot_max, grid.theta_dot), *(Axis(2.0 * reach, grid.memory),) * remembered)
 
 
 def _stages(models: Sequence[Model], axes: Sequence[Axis], grid: Grid, t: float) -> Iterator[Stage]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from policies.control.design_model import table_shape
+from policies.control.design_model import has_third_axis, is_periodic
 from policies.control.dynamic_programming import Grid
 from policies.control.lqr import design_lqr
 from policies.control.predictive import design_predictive
@@ -68,17 +68,15 @@ def _without(model: Model, effects: tuple[Effect, ...]) -> Model:
 
 
 def _optimal(model: Model) -> Policy:
-    turns, third_axis = table_shape(model)
-    grid = COARSE if turns > 1 or third_axis or task.horizon(model.dt) > LONG else FINE
+    costly = not is_periodic(model) or has_third_axis(model) or task.horizon(model.dt) > LONG
+    grid = COARSE if costly else FINE
     return design_predictive(model, spanning(grid, model))
 
 
 def spanning(grid: Grid, model: Model) -> Grid:
-    """The same nodes over the speeds that the model reaches, and over the turns that its torques tell apart.
-
-    The speed reaches to where it is clipped, else to 1.5 times that of a fall from the upright.
-    """
+    """The same nodes over the speeds that the model reaches: up to where it clips them, else to 1.5 times that of a
+    fall from the upright."""
     clipped = getattr(model.integrator, "theta_dot_max", math.inf)
     G = abs(float(model.plant.gravity_torque(0.5 * math.pi)))
     fastest = min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
-    return dataclasses.replace(grid, theta_dot_max=fastest, turns=table_shape(model)[0])
+    return dataclasses.replace(grid, theta_dot_max=fastest)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from policies.control.design_model import table_shape
+from policies.control.design_model import has_third_axis
 from policies.control.dynamic_programming import Grid
 from policies.control.predictive import design_predictive
 from policies.evaluation import Policy
@@ -40,10 +40,9 @@ def design(model: Model, grid: Grid = BLUNT) -> Policy:
     if model.output_effects:
         raise InvalidInput(f"{model.output_effects[0].name} is of the sensors: expected a machine whose state is known")
     model = dataclasses.replace(model, integrator=RK4(substeps=DESIGN_SUBSTEPS))
-    turns, third_axis = table_shape(model)
-    if third_axis:
+    if has_third_axis(model):
         grid = dataclasses.replace(grid, u=11, memory=7)
-    return design_predictive(model, dataclasses.replace(grid, turns=turns))
+    return design_predictive(model, grid)
 
 
 def ground_truth(plant: HiddenPlant) -> Model:
