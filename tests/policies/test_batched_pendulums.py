@@ -92,25 +92,6 @@ def test_past_commands_are_observed_the_latest_first_and_forgotten_at_the_start(
     assert (begin(env)[:, 3:] == 0.0).all()
 
 
-def test_sensors_that_show_something_else_do_not_change_the_motion_or_the_reward():
-    plain, shown = (BatchedPendulums(Model(RodPendulum(), e, u_max=2.0), BANDS, (4, 5, 6)) for e in ((), SENSING))
-    begin(plain), begin(shown)
-    for action in actions(20, 3):
-        (seen, reward, _), (other, same, _) = hold(plain, action), hold(shown, action)
-        assert torch.equal(reward, same)
-    assert torch.equal(plain.state.theta, shown.state.theta) and not torch.equal(seen, other)
-
-
-def test_the_horizon_is_ten_seconds_and_the_return_the_same_integral_at_every_interval():
-    costs = []
-    for dt, steps in ((0.05, 200), (0.02, 500), (0.0125, 800)):
-        env = BatchedPendulums(Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), [Band({"m": 2.0})], [3])
-        assert env.horizon == steps
-        begin(env)
-        costs.append(sum(float(hold(env, torch.zeros(1, 1))[1]) for _ in range(steps)))
-    assert costs[1:] == pytest.approx([costs[0]] * 2, rel=0.02)
-
-
 def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
     env = make([Band({"m": 2.0, "l": 1.5}, w) for w in (0.0, 0.5)], (3, 3))
     for _ in range(3):

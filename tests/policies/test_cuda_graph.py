@@ -24,9 +24,8 @@ BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]
 RANDOM_FORCES = [RandomForce(BANDS[0], 0.5, 0.1), BANDS[1]]
 MODELS = {
     "paper": paper_model(),
-    "memory": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1)), dt=0.05, u_max=2.0),
     "forced": paper_model(),
-    "history": Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
+    "history": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
 }
 
 SINGLE = {name: Model(RodPendulum(), (effect(name),), dt=0.05, u_max=2.0).machine for name in sorted(CATALOGUE)}

@@ -129,6 +129,7 @@ def test_a_lag_known_is_worth_more_than_one_ignored_and_a_short_one_changes_noth
 @pytest.mark.parametrize(
     "effects",
     [
+        (),
         (Periodic(a=1.0, f=2.0),),
         (Drift(r=3.0),),
         (Spring(k=0.4),),

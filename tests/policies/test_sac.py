@@ -9,7 +9,6 @@ from tensordict import TensorDict
 from torch import nn
 from torchrl.objectives import SoftUpdate
 
-from policies.training.cpu_settings import tune_cpu
 from policies.training.networks import layers_of
 from policies.training.optimization import FusedAdam
 from policies.training.sac import FastSACLoss, SACSettings, StackedSACLoss
@@ -143,19 +142,8 @@ def test_updates_are_those_of_plain_sac(loss, batch_size):
             torch.testing.assert_close(sac.loss.log_alpha[a], one.log_alpha, **close)
 
 
-@pytest.fixture(params=["as it is", "tuned"])
-def process(request):
-    """Products as torch does them by itself, and as they are done where agents train."""
-    threads, settings = torch.get_num_threads(), torch.backends.mkldnn.matmul
-    before = settings.fp32_precision
-    if request.param == "tuned":
-        tune_cpu(threads=threads)
-    yield request.param
-    settings.fp32_precision = before
-
-
 @pytest.mark.parametrize(("hidden", "actions"), [((64, 64), 1), ((256, 256), 1), ((32,), 2), ((16, 24, 8), 3)])
-def test_gradients_are_those_of_sacloss(hidden, actions, process):
+def test_gradients_are_those_of_sacloss(hidden, actions):
     """To 1e-5 of the largest, through several steps; also where log_std is beyond its bounds."""
     sac = Learner((3, 4, 5), SACSettings(hidden=hidden, batch=32, polyak=0.1), action_size=actions)
     set_temperatures(sac, [1.0, 0.3, 0.05])

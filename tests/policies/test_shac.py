@@ -123,10 +123,6 @@ def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(tmp_path):
     assert second.steps_done == undisturbed.steps_done == SMALL.steps
     assert all(torch.equal(x, y) for x, y in zip(weights(second), weights(undisturbed), strict=True))
     assert second.curves == undisturbed.curves and len(second.curves[0]) == 1
-    with pytest.raises(InvalidInput, match=r"with learning_rate = 0\.01; this population has learning_rate = 0.02"):
-        make(drawn, settings=dataclasses.replace(SMALL, learning_rate=0.02), model=model, history=3).resume(
-            tmp_path / "shac.pt"
-        )
 
 
 def test_the_pendulums_of_an_agent_have_its_episodes_and_move_as_single_ones():
