@@ -22,9 +22,8 @@ def hidden(effect, size="medium", experiment="steps", seed=0):
     return World(own, numbers_of(effect, size, DT, float(np.max(np.abs(own.u)))), 0.0, CLEAN)
 
 
-@pytest.mark.parametrize("effect", ["coulomb", "stribeck"])
-def test_truth_converges_with_the_square_of_the_step(effect):
-    case = hidden(effect)
+def test_truth_converges_with_the_square_of_the_step():
+    case = hidden("stribeck")
     reference, *runs = (
         truth.simulate(case.numbers, case.plan.u, case.plan.theta, 0.0, DT, step=h).theta for h in (2e-4, 2e-3, 1e-3)
     )
@@ -51,10 +50,10 @@ def test_friction_holds_until_the_drive_exceeds_it():
     assert np.all(run.theta_dot[0, 51:60] > 0.0)
 
 
-@pytest.mark.parametrize("effect", ["", "viscous", "coulomb", "tilt"])
+@pytest.mark.parametrize("effect", ["", "coulomb", "tilt"])
 def test_both_engines_agree(effect):
     pytest.importorskip("mujoco", reason="the second engine needs the extra [sim]")
-    case = hidden(effect or "viscous")
+    case = hidden(effect or "coulomb")
     numbers, own = (dict(case.numbers) if effect else {}), case.plan
     both = [engine.simulate(numbers, own.u[:3], own.theta[:3], 0.0, DT) for engine in (truth, mujoco_truth)]
     assert np.max(np.abs(both[0].theta - both[1].theta)) < 0.3 * CLEAN.theta
@@ -94,11 +93,10 @@ def test_the_baseline_names_what_a_careful_engineer_names():
     assert sum(named) >= 5
 
 
-@pytest.mark.parametrize("name", ["coulomb", "lag"])
-def test_a_hidden_effect_is_named(name):
-    case = Case("clean", (name,), "small", "mixed", "clean", 7)
+def test_a_hidden_effect_is_named():
+    case = Case("clean", ("lag",), "small", "mixed", "clean", 7)
     made = world(case)
-    assert decidability.decide(training(made), name).decidable
+    assert decidability.decide(training(made), "lag").decidable
     answer = ours(records(case, made), None)
     assert first_right(case, answer)
     assert exact(case, answer)
