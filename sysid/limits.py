@@ -1,4 +1,4 @@
-"""What an input may cost: every size has a limit, stated here, that is checked before any memory is taken for it."""
+"""What an input may cost: every size has a limit, stated here, that is checked before more memory is taken for it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from sysid.errors import InvalidInput
 LOG_ROWS = 1_000_000
 """Rows of a log that are worked on."""
 RAW_ROWS = 20_000_000
-"""Rows that are read where a sample interval is asked for, and numbers of an array in a file."""
+"""Rows that are read of a file, to be cut or resampled, and numbers of an array in a file."""
 SHORTEST_INTERVAL = 1e-6
 """The shortest sample interval of a log [s]."""
 LONGEST_INTERVAL = 2.0

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -80,6 +81,9 @@ class Database:
             raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
         if tables:
             self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
+            lacking = [name for name in re.findall(r"CREATE TABLE (\w+)", schema) if name not in tables]
+            if lacking:
+                raise InvalidInput(f"{self.path} has no table {lacking[0]}, as a study makes one: choose another --out")
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
@@ -152,7 +156,8 @@ class Database:
 
     def keys(self, table: ResultTable[Any]) -> set[tuple[Any, ...]]:
         """The keys of everything in a table."""
-        return set(self.db.execute(f"SELECT {table.key} FROM {table.name}"))
+        with _readable(self.path):
+            return set(self.db.execute(f"SELECT {table.key} FROM {table.name}"))
 
     def _undo(self) -> None:
         if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full

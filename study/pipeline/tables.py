@@ -65,14 +65,22 @@ def _fields(kind: type[Any]) -> dict[str, tuple[int, Callable[..., Any]]]:
 def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
     parts = get_args(hint)
     if hint in (str, int, float):
-        return 1, lambda cell: math.nan if hint is float and cell is None else hint(cell)
+        return 1, lambda cell: math.nan if hint is float and cell is None else _exactly(hint, cell)
     if hasattr(hint, "_fields"):
         kinds = get_type_hints(hint).values()
-        return len(kinds), lambda *cells: hint(*(kind(cell) for kind, cell in zip(kinds, cells, strict=True)))
+        return len(kinds), lambda *cells: hint(*(_exactly(kind, cell) for kind, cell in zip(kinds, cells, strict=True)))
     if get_origin(hint) is tuple and parts[-1] is not ...:
-        return len(parts), lambda *cells: tuple(kind(cell) for kind, cell in zip(parts, cells, strict=True))
+        return len(parts), lambda *cells: tuple(_exactly(kind, cell) for kind, cell in zip(parts, cells, strict=True))
     make = _of_json(hint)
     return 1, lambda cell: make(json.loads(cell))
+
+
+def _exactly(kind: Callable[[Any], Any], cell: Any) -> Any:
+    """The cell as that kind; raises ValueError where it is of another, such as 3.7 where a whole number is expected."""
+    value = kind(cell)
+    if value != cell:
+        raise ValueError
+    return value
 
 
 def _of_json(hint: Any) -> Callable[[Any], Any]:

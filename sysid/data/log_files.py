@@ -65,6 +65,8 @@ def sources(given: Iterable[Any], joint: str = "") -> Iterator[Source]:
     for path in paths:
         if paths.count(path) > 1:
             raise InvalidInput(f"{path.name} is given twice: what is held out of one would be fitted in the other")
+        if not path.is_dir():  # of a folder, `_kind` says what it is
+            check_input(path, "a log file", math.inf)
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
     frame = 0
     for log in logs:
@@ -127,7 +129,10 @@ def _kind(path: Path) -> str:
 def _is_mat_4(begin: bytes) -> bool:
     """Whether a file begins as MATLAB's version 4: with the type of a matrix, its size, and the length of its name."""
     heads = [np.frombuffer(begin[:20], order).tolist() for order in ("<i4", ">i4")] if len(begin) >= 20 else []
-    return any(0 <= kind < 5000 and imaginary in (0, 1) and 0 < name < 1000 for kind, _, _, imaginary, name in heads)
+    return any(
+        0 <= kind < 5000 and kind // 100 % 10 == 0 and kind % 10 < 3 and imaginary in (0, 1) and 0 < name < 1000
+        for kind, _, _, imaginary, name in heads
+    )
 
 
 def _frame(frame: Any, name: str, columns: Mapping[str, str] | None) -> dict[str, Any]:

@@ -41,7 +41,8 @@ def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[t
     clear, rounded = np.zeros(2, dtype=bool), np.zeros(2)
     for channel in range(2):
         known = [np.isfinite(sds[:, channel]) for _, sds in read]
-        values, own = ([each[k][at, channel] for each, at in zip(read, known, strict=True)] for k in range(2))
+        values = [v[at, channel] for (v, _), at in zip(read, known, strict=True)]
+        own = [sds[at, channel] for (_, sds), at in zip(read, known, strict=True)]
         rounded[channel] = quantisation_step(values)
         if any(map(len, values)):
             clear[channel] = np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate(own))

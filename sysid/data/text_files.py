@@ -86,7 +86,7 @@ def load_text(path: Path, columns: Mapping[str, str]) -> Table:
         while lines := file.readlines(CHUNK):
             blocks.append(_numbers(path, lines, delimiter, where, names, number))
             number += len(lines)
-            check_size(f"{path.name}: rows:", sum(map(len, blocks)), RAW_ROWS)
+            check_size(f"{path.name}: rows, of those read so far:", sum(map(len, blocks)), RAW_ROWS, "in shorter files")
     return dict(zip(columns, np.concatenate(blocks).T.copy(), strict=True))
 
 

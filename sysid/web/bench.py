@@ -23,7 +23,7 @@ from sysid.web.jobs import Jobs, Trainings, finished
 from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
-from sysid.web.session import ENDINGS, Answer, Node, Session, Sessions
+from sysid.web.session import CHANGING, ENDINGS, Answer, Node, Session, Sessions
 
 LARGEST_UPLOAD = 64 << 20
 """Bytes of the files that are dropped at once."""
@@ -164,11 +164,13 @@ class Workbench:
 
     def go(self, session: Session, node: int | None) -> None:
         """Look at another model of the history; the form shows the settings that it was made with."""
-        state = session.state
-        if node is not None and 0 <= node < len(state.nodes):
+        if node is None or not 0 <= node < len(session.state.nodes):
+            return
+        with CHANGING:
+            state = session.state
             same = state.path(node)[:1] == state.path(state.at)[:1]
             session.save(replace(state if same else state.settings_of(node), at=node))
-            self._finish(session, node)
+        self._finish(session, node)
 
     def _finish(self, session: Session, node: int | None) -> None:
         if node is not None and not finished(session, node) and self.jobs.running(session) is None:
@@ -187,7 +189,8 @@ class Workbench:
             return
         self.jobs.cancel(session)
         if state.nodes[state.at].parent is None:
-            session.save(session.state.settings_of(before))
+            with CHANGING:
+                session.save(session.state.settings_of(before))
         self.go(session, before)
 
     # ---- what the page shows

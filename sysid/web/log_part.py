@@ -77,7 +77,7 @@ def preview(session: Session) -> Preview:
     return _previewed(state.log, replace(state.start, set=()), stamps)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=2)
 def _previewed(options: LogOptions, start: ModelOptions, stamps: tuple[int, ...]) -> Preview:
     """The preview; stamps: when the files were written."""
     error, log = "", None

@@ -45,11 +45,15 @@ def refusal(request: flask.Request, token: str) -> tuple[str, int] | None:
     if origin is not None and origin.partition("://")[2] != host:
         return f"A page of {origin} asked: expected one of this server.", 403
     given = (request.args.get("token"), request.cookies.get(COOKIE))
-    if token and not any(t is not None and hmac.compare_digest(t.encode(), token.encode()) for t in given):
+    if token and not any(_is_token(one, token) for one in given):
         return "This workbench wants a token: open the address that it printed when it was started.", 401
     if not token and re.sub(r":\d+$", "", host).strip("[]") not in LOCAL:
         return f"The address says {host!r}: expected {' or '.join(LOCAL)}.", 403
     return None
+
+
+def _is_token(given: str | None, token: str) -> bool:
+    return given is not None and hmac.compare_digest(given.encode(), token.encode())
 
 
 def make_app(bench: Workbench, token: str = "") -> Dash:
@@ -77,7 +81,7 @@ def make_app(bench: Workbench, token: str = "") -> Dash:
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
-        if token and flask.request.args.get("token") == token:
+        if token and _is_token(flask.request.args.get("token"), token):
             response.set_cookie(COOKIE, token, httponly=True, samesite="Strict")
         return response
 

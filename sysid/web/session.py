@@ -27,7 +27,9 @@ from sysid.web.own_effect import OwnEffect
 BAGS = (".mcap", ".db3", ".bag")
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".npz", ".mat", ".h5", ".hdf5", ".parquet", *BAGS)
 """What the names of dropped files end in; what they hold is told by their content alone."""
-LONGEST_NAME = 60
+LONGEST_NAME = 40
+CHANGING = threading.RLock()
+"""Held while a session is changed: the server answers several requests at once."""
 
 
 class Answer(StrEnum):
@@ -127,6 +129,7 @@ class Session:
         data = read_json(self.folder / "session.json", "a session of the workbench")
         try:
             data.pop("titles", None)  # of an older version: what dropped files were called
+            data = {name: value for name, value in data.items() if value is not None}
             nodes = tuple(Node(**n | _options(n)) for n in data.get("nodes", ()))
             own = tuple(OwnEffect(**o) for o in data.get("own", ()))
             state = SessionState(**data | _options(data) | {"nodes": nodes, "own": own})
@@ -139,8 +142,9 @@ class Session:
         write_whole(self.folder / "session.json", json.dumps(asdict(state, dict_factory=_given), indent=1, default=str))
 
     def change(self, **changes: Any) -> None:
-        """Keep it with these fields changed."""
-        self.save(replace(self.state, **changes))
+        """Keep it with these fields changed, and others as another thread may just have changed them."""
+        with CHANGING:
+            self.save(replace(self.state, **changes))
 
     def of(self, node: int) -> Path:
         """The folder of a model."""
@@ -179,19 +183,21 @@ class Session:
 
     def add_node(self, node: Node) -> int:
         """A new model, which becomes the one that is looked at; its number."""
-        state = self.state
-        number = len(state.nodes)
-        shutil.rmtree(self.of(number), ignore_errors=True)
-        self.of(number).mkdir(parents=True)
-        self.change(nodes=(*state.nodes, node), at=number)
+        with CHANGING:
+            nodes = self.state.nodes
+            number = len(nodes)
+            shutil.rmtree(self.of(number), ignore_errors=True)
+            self.of(number).mkdir(parents=True)
+            self.change(nodes=(*nodes, node), at=number)
         return number
 
     def drop_last_node(self) -> None:
         """Take the newest model back, as where its fit failed or was cancelled."""
-        state = self.state
-        *nodes, last = state.nodes
-        shutil.rmtree(self.of(len(nodes)), ignore_errors=True)
-        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at)
+        with CHANGING:
+            state = self.state
+            *nodes, last = state.nodes
+            shutil.rmtree(self.of(len(nodes)), ignore_errors=True)
+            self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at)
 
 
 class Sessions:

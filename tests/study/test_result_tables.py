@@ -97,3 +97,18 @@ def test_the_folder_of_another_kind_is_refused(tmp_path):
     sweep_results(tmp_path / "study", SWEEP).close()
     with pytest.raises(InvalidInput, match="format '5', expected 'mismatch 5'"):
         trial_results(tmp_path / "study", MISMATCH)
+
+
+def test_a_folder_that_lacks_a_table_is_refused(tmp_path):
+    with sweep_results(tmp_path, SWEEP) as results:
+        results.db.execute("DROP TABLE estimates")
+    with pytest.raises(InvalidInput, match="no table estimates"):
+        sweep_results(tmp_path, SWEEP)
+
+
+def test_a_cell_of_another_kind_is_refused():
+    row = RUNS.row(RUN)
+    assert RUNS.value(row) == RUN
+    for cells in ([row[0], 5.5, *row[2:]], [None, *row[1:]]):
+        with pytest.raises((ValueError, TypeError)):
+            RUNS.value(cells)

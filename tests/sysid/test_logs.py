@@ -300,7 +300,7 @@ def test_too_many_rows_are_refused(tmp_path, monkeypatch):
     assert len(read(path, begin=10.0, end=12.0, thin=False)[0]) == 2000 and len(read(path, dt=0.02)[0]) == 2000
     monkeypatch.setattr("sysid.data.text_files.RAW_ROWS", 30_000)
     monkeypatch.setattr("sysid.data.text_files.CHUNK", 1 << 16)
-    with pytest.raises(InvalidInput, match=r"log.csv: rows: 3\d,\d{3}: expected at most 30,000"):
+    with pytest.raises(InvalidInput, match=r"rows, of those read so far: 3\d,\d{3}: expected at most 30,000"):
         read(path, dt=0.02)
 
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from sysid.web.callbacks import effect_picture, region_of, zoomed
 from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
-from sysid.web.session import Answer, Session, Sessions
+from sysid.web.session import Answer, Node, Session, Sessions
 from tests.sysid.workbench import uploaded, waited
 
 
@@ -122,6 +123,20 @@ def test_a_session_survives_a_restart(walked: tuple[Workbench, Session]) -> None
 
 
 @pytest.mark.long
+def test_two_threads_that_change_a_session_keep_both_changes(tmp_path: Path) -> None:
+    session = Sessions(tmp_path).new("a rig")
+
+    def retitle() -> None:
+        for k in range(40):
+            session.change(title=f"rig {k}")
+
+    other = Thread(target=retitle)
+    other.start()
+    numbers = [session.add_node(Node()) for _ in range(40)]
+    other.join()
+    assert numbers == list(range(40)) and len(session.state.nodes) == 40 and session.state.title == "rig 39"
+
+
 def test_a_selection_marks_the_same_samples_in_all_plots(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     session.change(at=0)

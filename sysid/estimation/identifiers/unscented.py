@@ -123,8 +123,7 @@ class UnscentedKalman:
             if sd is not None and found.count[row]
         }
         if not found.settled:
-            status = f"did not settle in {found.sweeps} sweeps from any of {starts} starts: "
-            status += "try more gentle sweeps, or LeastSquares"
+            status = f"did not settle in {found.sweeps} sweeps from any of {starts} starts: try LeastSquares"
         elif found.misfit < 1.0:
             status = f"settled in {found.sweeps} sweeps; the readings are explained to the sensor's noise"
         else:
