@@ -21,7 +21,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr, stdtrit
-from scipy.stats import bootstrap
 
 from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
@@ -119,6 +118,8 @@ def _difference(a: ArrayLike, b: ArrayLike | None) -> Array:
 
 def _interval(samples: Array, rng: np.random.Generator, resamples: int) -> tuple[Array, Array]:
     """Percentile intervals (...,) of the means of samples (..., S), which share the draws."""
+    from scipy.stats import bootstrap  # loads for most of a second, in every worker
+
     options = {"n_resamples": resamples, "method": "percentile", "random_state": rng, "batch": 200}
     return bootstrap((samples,), np.mean, axis=-1, **options).confidence_interval
 
