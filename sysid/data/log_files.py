@@ -65,6 +65,7 @@ def sources(given: Iterable[Any], joint: str = "") -> Iterator[Source]:
     for path in paths:
         if paths.count(path) > 1:
             raise InvalidInput(f"{path.name} is given twice: what is held out of one would be fitted in the other")
+    for path in (Path(log) for log in logs if not _is_frame(log)):
         if not path.is_dir():  # of a folder, `_kind` says what it is
             check_input(path, "a log file", math.inf)
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
