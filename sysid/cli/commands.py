@@ -41,7 +41,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit
-from sysid.estimation.held_out import held_out_error
+from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.saved_model import load_model, save
 from sysid.physics.effects import ACTUATORS, CATALOGUE, effect
@@ -53,6 +53,8 @@ logger = logging.getLogger(__name__)
 
 ANSWER = "gapfinder/answer/1"
 """The schema of answers that have none of their own."""
+FAR = 10.0
+"""An error of so many times the noise is far above it."""
 
 
 def run(command: Any) -> None:
@@ -93,7 +95,7 @@ def _(command: FitCommand) -> None:
     error = held_out_error(estimate.model, task.held_out, task.sensor)
     logger.info(estimate)
     logger.info(f"  on held-out data: {error}")
-    task.doubt(error.theta)
+    task.doubt(error)
     write_json(command.json, lambda: {**estimate.to_dict(), "held_out_error": error.to_dict()})
     write(command.out, partial(save, estimate))
 
@@ -106,7 +108,7 @@ def _(command: CompareCommand) -> None:
     model = task.model if task.known or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor, task.names)
     logger.info(comparison)
-    task.doubt(comparison.one_second.theta)
+    task.doubt(comparison.one_second)
     write_json(command.json, comparison.to_dict)
     write(command.figure, partial(_draw, comparison))
     write(command.html, partial(_write_page, comparison))
@@ -126,7 +128,7 @@ def _(command: DiagnoseCommand) -> None:
     hold_out, names = command.log.hold_out, task.names
     diagnosis = diagnose(task.model, task.log, task.sensor, hold_out, parameters=names, settings=settings)
     logger.info(diagnosis)
-    task.doubt(diagnosis.error.theta)
+    task.doubt(diagnosis.error)
     write_json(command.json, diagnosis.to_dict)
     write(command.out, partial(save, diagnosis.estimate))
     write(command.html, partial(_write_page, diagnosis))
@@ -239,12 +241,12 @@ class LogAndModel:
         """The model fitted to what is not held out; raises InvalidInput where nothing is free."""
         return fit(self.model, self.training, self.sensor, self.names)
 
-    def doubt(self, error: float | None) -> None:
+    def doubt(self, error: HeldOutError) -> None:
         """Say so where the model explains next to nothing of the angle: an error of columns rather than of physics."""
-        if error is None:
+        if error.theta is None or error.ratio < FAR:
             return
         spread = float(np.std(np.concatenate([r.theta for r in self.held_out if r.theta is not None])))
-        if not error < 0.3 * spread:
+        if not error.theta < 0.3 * spread:
             logger.info("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
 
 
@@ -261,7 +263,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
-        raise InvalidInput(f"the machine is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
+        raise InvalidInput(f"the machine is at rest: {measured[0]} stays at {at:.4g}: nothing shows its inertia")
     given = named_numbers("--noise", options.noise.split(",") if options.noise else ())
     for channel in given:
         if channel not in measured:

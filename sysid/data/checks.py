@@ -212,4 +212,4 @@ def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:
                 return
             ranges.append(f"{channel} stays within {np.ptp(y):.2g} of {np.mean(y):.4g} (noise {sd:.2g})")
     if ranges:
-        raise InvalidInput(f"the pendulum is at rest: {ranges[0]} in {records[0].name}: nothing excites m")
+        raise InvalidInput(f"the machine is at rest: {ranges[0]} in {records[0].name}: nothing shows its inertia")

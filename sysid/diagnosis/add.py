@@ -19,7 +19,7 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.refits import extended
+from sysid.estimation.refits import extended, without_contained
 from sysid.estimation.scores import scores
 from sysid.physics.effects import Effect, OutputEffect, effect
 from sysid.physics.model import Model
@@ -27,7 +27,7 @@ from sysid.physics.model import Model
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Added:
-    """An effect that was added to a model.
+    """An effect that was added to a model; it takes the place of effects with free numbers that it contains.
 
     Attributes
     ----------
@@ -49,6 +49,9 @@ class Added:
     def sentence(self) -> str:
         """How much the effect changes the held-out error."""
         effect = with_numbers(self.effect, fitted_numbers(self.estimate, self.effect))
+        present = {e.name for e in self.estimate.model.effects}
+        gone = [e.name for e in self.base.model.effects if e.name not in present]
+        effect += f" in place of {' and '.join(gone)}" if gone else ""
         fell = f"goes from {self.before.ratio:.3g} to {self.after.ratio:.3g} times the sensor noise"
         return f"{effect}: the error on held-out data {fell}"
 
@@ -104,10 +107,11 @@ def add(
     training, held_out = split(records, hold_out)
     sensor = relied_on(with_it, training, sensor or sensor_noise(records).sensor)
     base = first_fit(Samples(model, training, sensor), model, names)
-    score = scores(base, (name,)).get(name)
+    begun = without_contained(base, name)
+    score = scores(begun, (name,)).get(name)
     if score is None or not score.visible:
         raise InvalidInput(f"{name} changes nothing that this log shows: expected an effect that moves its readings")
-    better = extended(base, [score.best.at(score.sizes)])
+    better = extended(begun, [score.best.at(score.sizes)])
     return Added(
         effect=name,
         base=base.estimate(),

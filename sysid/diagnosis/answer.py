@@ -412,6 +412,8 @@ class Diagnosis:
             lines.append(f"  with {', '.join(words)}")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)
+        if self.next_experiment is not None:
+            lines.append(f"  the next experiment: {self.next_experiment}".replace("\n", "\n  "))
         lines.append(
             f"  what matters: an effect that lowers the error of {self.error.window:g} s predictions by "
             f"{self.tolerance:.0%}; +- is one standard deviation"

@@ -22,7 +22,7 @@ from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, reduced, settled
+from sysid.estimation.refits import extended, settled
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
@@ -114,7 +114,7 @@ class Confirmation:
             fit, _ = self.errors[names_of(self.additions)]
             for addition in self.additions:
                 if addition.name not in names:
-                    fit = reduced(fit, addition.name)
+                    fit = self.search.without(fit, addition.name)
             self.errors[names] = (fit, self.error(fit))
         return self.errors[names]
 

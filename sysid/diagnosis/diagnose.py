@@ -355,5 +355,6 @@ class _Report:
                 continue
             p = s.best.neutral.parameters[s.best.magnitudes[0]]
             if not p.never:
-                found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": p.unit}
+                unit = self.base.model.plant.unit(p.unit)
+                found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": unit}
         return found

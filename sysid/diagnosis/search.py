@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -28,9 +28,10 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, reduced, settled
+from sysid.estimation.refits import extended, reduced, settled, without_contained
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.estimation.solver import QUICK, fit_parameters
+from sysid.estimation.solver import DEFAULT as THOROUGH
+from sysid.estimation.solver import QUICK, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 
@@ -70,6 +71,7 @@ class Search:
     first, last  score tests in the first round and in the last one
     negligible   effects that pay and do not matter
     stages       additions and fit at the end of each round
+    given        the effects of the model as it came
     """
 
     records: Sequence[Record]
@@ -82,6 +84,7 @@ class Search:
     last: dict[str, Score] = field(default_factory=dict)
     negligible: list[str] = field(default_factory=list)
     stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
+    given: tuple[Effect, ...] = ()
     left: dict[tuple[Fit, float], PredictionErrors] = field(default_factory=dict)
 
     def run(self, model: Model, names: Sequence[str], helped: Fit | None = None) -> tuple[Fit, Fit]:
@@ -91,7 +94,7 @@ class Search:
         if helped is None:
             helped = first_fits(Samples(model, self.records, self.sensor), model, names)[0]
         base = without_common(helped, model, names)
-        now = base
+        now, self.given = base, base.model.effects
         for k in range(self.settings.steps):
             logger.debug(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             self.last = scores(now, self.effects)
@@ -246,20 +249,29 @@ class Search:
         near: Fit | None = None,
     ) -> None:
         """Fit with these effects, beginning where the fit `near` ended, and append the trial to `tried`. It is no
-        candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings."""
+        candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings. Effects
+        of the model as it came make place for one that contains them."""
         logger.debug(f"fitting {' and '.join(names)}")
+        came = {e.name for e in self.given}
+        refining = [n for n in names if came.intersection(CATALOGUE[n].contains)]
         try:
-            start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
-            found = extended(near or now, start, QUICK)
+            begun = near or now
+            for name in refining:
+                begun = without_contained(begun, name, QUICK)
+            tested = self.last | (scores(begun, refining) if refining else {})
+            start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
+            found = extended(begun, start, QUICK)
         except InvalidInput:
             return
         merit = gain(found, now, names) - sum(map(self._price, names))
+        present = {e.name for e in found.model.effects}
+        merit += sum(self._price(e.name) for e in now.model.effects if e.name not in present)
         if math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings:
             tried.append(Trial(names, found, merit))
 
-    def _start(self, now: Fit, name: str, alone: bool) -> Effect:
+    def _start(self, now: Fit, name: str, alone: bool, tested: Mapping[str, Score]) -> Effect:
         """The effect at the size that its score predicts, or at a small size if it is one of several."""
-        score = self.last.get(name) or self.first[name]
+        score = tested.get(name) or self.first[name]
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
         if any(CATALOGUE[name].begins.values()):
@@ -409,7 +421,7 @@ class Search:
             nothing = [a for a in order if size[a.name] < self.settings.sure]
             doubtful = [a for a in order if not size[a.name] > self.settings.clear]
             candidates = nothing[:1] or (doubtful if len(order) > 1 else [])
-            tried = [(a, reduced(now, a.name, QUICK)) for a in candidates]
+            tried = [(a, self.without(now, a.name, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
             if not needless:
                 break
@@ -419,6 +431,13 @@ class Search:
             self.additions.remove(addition)
             now = settled(without)
         return self._simplified(now)
+
+    def without(self, now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
+        """The fit without an addition; effects of the model as it came, whose place it took, are there again."""
+        found = reduced(now, name, settings)
+        present = {e.name for e in found.model.effects}
+        back = [e for e in self.given if e.name in CATALOGUE[name].contains and e.name not in present]
+        return extended(found, back, settings) if back else found
 
     def _needless(self, name: str, now: Fit, without: Fit) -> bool:
         """Whether an effect does not pay or does not matter beside the others."""
@@ -448,7 +467,8 @@ class Search:
                 ):
                     continue
                 at = self.additions.index(addition)
-                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value) for n in new]
+                came = {e.name for e in self.given}
+                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value) for n in new if n not in came]
                 now = fit_parameters(now.samples, other.model, other.names, other)
                 break
         return now
@@ -464,7 +484,7 @@ class Search:
             known = set(fields) <= set(own)
             numbers = {field: float(own[field].value) for field in fields} if known else {}
             begun = effect(name, **numbers) if known else None
-            starts.append(self._start(now, name, alone=False) if begun is None or begun.idle else begun)
+            starts.append(self._start(now, name, False, self.last) if begun is None or begun.idle else begun)
             shared |= set(numbers)
         if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:
             return extended(reduced(now, refined), starts, QUICK)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import DEFAULT as THOROUGH
 from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
-from sysid.physics.effects import Effect
+from sysid.physics.effects import CATALOGUE, Effect
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
@@ -37,3 +37,15 @@ def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
     """The fit without an effect, begun where the present one ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
     return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)
+
+
+def without_contained(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
+    """The fit without those effects with free numbers that the effect `name` contains; `now` if there are none.
+
+    Beside it their numbers would be undetermined, so that it takes their place.
+    """
+    free = {now.model.parameters[n].owner for n in now.names}
+    for own in CATALOGUE[name].contains:
+        if own in free:
+            now = reduced(now, own, settings)
+    return now

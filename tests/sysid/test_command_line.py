@@ -314,8 +314,8 @@ refused = partial(answering.refused, main)
 
 FILES = {
     "missing columns": ("time,angle\n0,1\n", "found time, angle"),
-    "at rest": (STILL, "nothing excites m"),
-    "at rest under noise": (noisy_rest(), "nothing excites m"),
+    "at rest": (STILL, "nothing shows its inertia"),
+    "at rest under noise": (noisy_rest(), "nothing shows its inertia"),
     "no CSV": ("\x00\x01\x02", "bad.csv"),
 }
 

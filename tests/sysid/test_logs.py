@@ -366,11 +366,11 @@ def test_a_joint_that_no_gravity_pulls_is_not_asked_where_it_hangs(tmp_path):
     assert read(path, plant=GeneralJoint(G=0.0)).notes == ()
 
 
-def test_a_pendulum_at_rest_excites_nothing():
+def test_a_machine_at_rest_shows_nothing():
     rng = np.random.default_rng(0)
     t, n = 0.02 * np.arange(301), 301
     rest = [Record(t, np.full(300, 0.1), 3.1 + 0.003 * rng.standard_normal(n), 0.05 * rng.standard_normal(n))] * 2
-    with pytest.raises(InvalidInput, match=r"the pendulum is at rest: theta stays within .* nothing excites m"):
+    with pytest.raises(InvalidInput, match=r"the machine is at rest: theta stays within .* nothing shows its inertia"):
         check_excitation(rest, SENSOR)
     moving = Record(t, np.zeros(300), rest[0].theta + 0.01 * np.sin(5.0 * t), rest[0].theta_dot)
     check_excitation([*rest, moving], SENSOR)

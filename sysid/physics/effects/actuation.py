@@ -144,6 +144,7 @@ class TorqueSpeedLimit(JointEffect):
     words = "a limit of the torque that falls with speed"
     rarity = 2.5
     refines = (("saturation",),)
+    contains = ("saturation",)
     formula = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
     confused = ("saturation", "back_emf")
     ratios: ClassVar = {"no_load_speed": ("limit", "k", "rad/s")}

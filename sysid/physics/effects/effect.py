@@ -77,6 +77,7 @@ class Effect(Parametric):
     rarity     -log of its prior odds, against friction, which is in every joint
     imitates   the quantity ("theta", ...) of which alone it is a function, and so a part of any other function of it
     refines    simpler effects, alone or together, that explain most of what it does: it has to beat each
+    contains   effects that it is for some of its numbers: beside it their numbers would mean nothing
     precedence its rank among effects that a log cannot tell apart: the highest stands for all of them, the log's own
                convention before any machine's; at 0 it stands for itself only
     begins     the numbers from which a fit begins if none are known, as shares of `Parameter.large`
@@ -93,6 +94,7 @@ class Effect(Parametric):
     rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = ""
     refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    contains: ClassVar[tuple[str, ...]] = ()
     precedence: ClassVar[int] = 0
     begins: ClassVar[Mapping[str, float]] = {}
     inertial: ClassVar[bool] = False

@@ -72,6 +72,7 @@ class Stribeck(DryFriction):
 
     words = "dry friction that is larger at slow speed"
     refines = (("coulomb",), ("coulomb", "drag"))
+    contains = ("coulomb",)
     formula = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused = ("coulomb", "dahl", "lugre")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -107,6 +108,7 @@ class AsymmetricViscous(JointEffect):
     words = "viscous friction that depends on the direction"
     rarity = 3.0
     refines = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
+    contains = ("viscous",)
     formula = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
     confused = ("viscous", "asymmetric_coulomb")
     friction = True
@@ -131,6 +133,7 @@ class AsymmetricCoulomb(DryFriction):
     words = "dry friction that depends on the direction"
     rarity = 3.0
     refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
+    contains = ("coulomb",)
     formula = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
     confused = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -155,6 +158,7 @@ class WarmingFriction(DryFriction):
     words = "dry friction that falls as the machine warms up"
     rarity = 3.5
     refines = (("coulomb",), ("coulomb", "drift"), ("viscous", "coulomb"), ("viscous", "coulomb", "drag"))
+    contains = ("coulomb",)
     formula = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
     confused = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -179,6 +183,7 @@ class Dahl(DynamicEffect):
     rarity = 2.5
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
+    contains: ClassVar[tuple[str, ...]] = ("coulomb",)
     formula = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
     confused = ("coulomb", "stribeck", "lugre")
     start_sd = (0.5,)
@@ -220,6 +225,7 @@ class LuGre(Dahl):
     words = "dry friction that gives like a spring and is larger at slow speed"
     rarity = 3.5
     refines = (("coulomb",), ("dahl",), ("stribeck",))
+    contains = ("coulomb", "dahl", "stribeck")
     formula = (
         "tau = -ratio tau_c w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
         "s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio"

@@ -55,6 +55,7 @@ class DirectionalLoadFriction(DryFriction):
     words = "dry friction that grows with the load, and otherwise when the load drives"
     rarity = 3.5
     refines = (("load_friction",), ("coulomb",))
+    contains = ("load_friction",)
     formula = "tau = -mu |load| sign(theta_dot), mu = mu_drive if drive theta_dot > 0 else mu_back"
     confused = ("load_friction", "coulomb")
     mu_drive: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
@@ -121,6 +122,7 @@ class CubicSpring(JointEffect):
     rarity = 2.5
     imitates = "theta"
     refines = (("spring",), ("spring", "torque_bias"))
+    contains = ("spring",)
     formula = "tau = -k x - k_3 x^3, x = theta - rest"
     confused = ("spring",)
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
