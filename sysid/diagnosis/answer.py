@@ -19,6 +19,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.torque_regression import FrictionAlong
+from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
@@ -29,7 +30,7 @@ SCHEMA = "gapfinder/diagnosis/1"
 TOLD = (
     *("verdict", "sentence", "doubts", "steps", "conventions", "ranking", "remaining", "not_identifiable", "ruled_out"),
     *("held_out", "torque", "tolerance", "negligible", "unconfirmed", "next_experiment", "seconds"),
-    "shared_error",
+    *("shared_error", "alternatives"),
 )
 """What plain data tell of a diagnosis under its own names."""
 MOST_SHOWN = 12_000
@@ -42,6 +43,17 @@ A_CONTROLLERS_PATH = (
     "the motion does not show how the machine answers to a torque, as where a controller follows a path: the fitted "
     "inertia means little, and so do predictions. Fix what is known (--set), or move it faster"
 )
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A single effect with which the log is as likely as with all steps of the answer together.
+
+    parameters   its numbers {name: {value, sd, unit}} in its own fit
+    """
+
+    effect: str
+    parameters: dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +185,8 @@ class Diagnosis:
         Notes that were made when the log was read.
     friction : FrictionAlong or None
         Friction and load in the drive's torque, if no model explains how the motion follows from the torque.
+    alternatives : tuple of Alternative
+        Refinements, such as asymmetric friction, that explain the log as well as the steps do together.
     """
 
     verdict: str
@@ -198,6 +212,7 @@ class Diagnosis:
     tolerance: float = 0.02
     notes: tuple[str, ...] = ()
     friction: FrictionAlong | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def held_out(self) -> tuple[str, ...]:
@@ -321,6 +336,9 @@ class Diagnosis:
     def remarks(self) -> tuple[str, ...]:
         """Sentences on effects that do not matter or are not believed, and on data that no fit has used."""
         remarks = []
+        for own in self.alternatives:
+            steps = " and ".join(s.effect for s in self.steps)
+            remarks.append(f"{with_numbers(own.effect, own.parameters)} explains the log as well as {steps}")
         if self.negligible:
             likelier = ", ".join(self.negligible)
             remarks.append(f"likelier with these, and predictions no better by what matters: {likelier}")
@@ -398,10 +416,13 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         lines = [self.sentence, *(f"  but {doubt}" for doubt in self.doubts)]
+        present = {e.name for e in self.model.effects}
+        gone = [e.name for e in self.base.model.effects if e.name not in present]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
+            place = "".join(f" in place of {own}" for own in gone if own in CATALOGUE[step.effect].contains)
             lines.append(
-                f"  + {with_numbers(step.effect, step.parameters)}: {fell}, {chance(step.p_value)}"
+                f"  + {with_numbers(step.effect, step.parameters)}{place}: {fell}, {chance(step.p_value)}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
         added = {step.effect for step in (*self.conventions, *self.steps)}

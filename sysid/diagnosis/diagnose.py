@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,9 +17,10 @@ from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import leave_out, sample_of, split
-from sysid.diagnosis.answer import Diagnosis, Step
+from sysid.diagnosis.answer import Alternative, Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
 from sysid.diagnosis.contacts import Contact, find_contacts
+from sysid.diagnosis.criteria import is_plausible
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
@@ -37,6 +38,7 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
 from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import settled
 from sysid.estimation.scores import price
 from sysid.estimation.torque_regression import frees_gravity
 from sysid.physics.effects import CATALOGUE, effect
@@ -251,6 +253,7 @@ class _Report:
             unseen=tuple(self.confirmed.held_out),
             notes=self.notes,
             friction=self.confirmed.friction,
+            alternatives=tuple(self._alternatives(end)),
             estimate=end.estimate(),
             contacts=self.confirmed.contacts,
             next_experiment=self._experiment(machine, end),
@@ -272,6 +275,16 @@ class _Report:
             return next_experiment(end.estimate(), alike, sensor=self.search.sensor, records=self.search.records)
         except InvalidInput:  # no torque in the log, or rivals that exclude each other
             return None
+
+    def _alternatives(self, end: Fit) -> Iterator[Alternative]:
+        """Refinements tried at first with which the log is as likely as with the additions, simpler forms of them."""
+        together = set(names_of(self.confirmed.additions))
+        for trial in self.search.trials:
+            name, *more = trial.effects
+            if not more and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
+                found = settled(trial.fit)
+                if found.deviance - end.deviance < self.search.settings.close and is_plausible(found, (name,)):
+                    yield Alternative(name, fitted_numbers(found.estimate(), name))
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """The additions as steps, in their order; effects that pay only together share one fall of the error."""

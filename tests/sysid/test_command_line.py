@@ -71,6 +71,17 @@ def test_python_answers_as_the_command_does(tmp_path, capsys):
     assert repr(found) == str(found) and str(found).splitlines()[0] in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("torque", "wrong"), [(0.005, False), (1.2, True)], ids=["next to the noise", "a wrong sign"])
+def test_an_error_is_called_far_above_the_noise_only_if_it_is(torque, wrong, tmp_path, capsys):
+    """A motion little larger than the noise is not told any better by the right model; a wrong sign tells nothing."""
+    model = sysid.Model(sysid.GeneralJoint(J=0.1, G=2.0), (sysid.Viscous(b=0.1),), dt=DT)
+    u = np.stack([multisine(np.random.default_rng(k), 300, DT, 2.0 * torque, 1.5) for k in range(6)])
+    records = SENSOR.measure(sysid.simulate(model, u, np.full(6, math.pi), np.zeros(6)), np.random.default_rng(0))
+    options = ["--flip-torque"] if wrong else []
+    assert main(["fit", *written(records, tmp_path), "--plant", "joint", "--with", "viscous", *options]) == 0
+    assert ("the error is far above any noise" in capsys.readouterr().out) == wrong
+
+
 @pytest.mark.long
 def test_the_whole_loop(hidden, tmp_path, capsys):
     model, better, answer = (str(tmp_path / name) for name in ("model.json", "better.json", "answer.json"))

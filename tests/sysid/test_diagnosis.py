@@ -179,6 +179,8 @@ def test_a_carriage_is_where_it_is() -> None:
     found = diagnose(Model(carriage, dt=DT), sensor.measure(run, rng), sensor, effects=("viscous",))
     assert found.verdict == "partly" and found.remaining is not None
     assert [s.effect for s in found.steps] == ["viscous"]
+    other = diagnose(Model(carriage, dt=DT), sensor.measure(run, rng), sensor, effects=("viscous", "spring"))
+    assert other.ruled_out["spring"]["unit"] == "N/m"
     begin, end = map(float, re.findall(r"from (\S+) to (\S+) m ", found.remaining.where)[0])
     assert -0.5 < begin < end < -0.1
 
@@ -410,7 +412,7 @@ def test_what_is_asked_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 KEYS = (
     "schema plant parameters noise held_out base_error error prediction torque tolerance converged status "
     "negligible unconfirmed friction_along_the_motion verdict sentence doubts steps conventions ranking remaining "
-    "not_identifiable ruled_out touched next_experiment seconds shared_error"
+    "not_identifiable ruled_out touched next_experiment seconds shared_error alternatives"
 )
 STEP = {"effect", "class", "parameters", "error_before", "error_after", "p_value"}
 RANKED = {"effect", "class", "score", "p_value", "error_after"}
@@ -444,6 +446,7 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
         assert 0.0 <= ranked["p_value"] <= 1.0
     assert data["remaining"] is None or set(data["remaining"]) == REMAINING
     assert set(data["prediction"]) == {"before", "after"}
+    assert ("the next experiment: " in str(found)) == (found.next_experiment is not None)
     assert set(data["torque"]) == {"drive", "before", "after", "explained"}
     assert 0.0 <= data["torque"]["explained"] <= 1.0
     assert 0.0 < data["tolerance"] < 1.0
