@@ -155,7 +155,7 @@ class Pool:
             own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
             x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
-            beside = tuple(n for n in own.names if own.effect is None or n.split(".")[0] != own.name)
+            beside = tuple(n for n in own.names if own.effect is None or own.model.parameters[n].owner != own.name)
             self._sensitivities[name] = Sensitivities(self.samples, own.model, own.effect, motion, beside, D)
         return self._sensitivities[name]
 
