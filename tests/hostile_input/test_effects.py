@@ -26,7 +26,15 @@ EFFECTS = {
     **{f"torque {raised}": BAD + EFFECT.format(declared="", first=f"raise {raised}") for raised in RAISED},
     **{
         f"declared {declared}": EFFECT.format(declared=declared, first="")
-        for declared in ("name = 3", "formula = 3", "confused = 3", "rarity = 'x'", "refines = 3", "name = 'x' * 10**6")
+        for declared in (
+            "name = 3",
+            "formula = 3",
+            "confused = 3",
+            "rarity = 'x'",
+            "refines = 3",
+            "contains = 3",
+            "name = 'x' * 10**6",
+        )
     },
     "for ever": "def f(): f()\nf()\n",
     "a number": "from sysid import register\nregister(3)\n",
