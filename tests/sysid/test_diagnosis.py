@@ -179,10 +179,16 @@ def test_a_carriage_is_where_it_is() -> None:
     found = diagnose(Model(carriage, dt=DT), sensor.measure(run, rng), sensor, effects=("viscous",))
     assert found.verdict == "partly" and found.remaining is not None
     assert [s.effect for s in found.steps] == ["viscous"]
-    other = diagnose(Model(carriage, dt=DT), sensor.measure(run, rng), sensor, effects=("viscous", "spring"))
-    assert other.ruled_out["spring"]["unit"] == "N/m"
     begin, end = map(float, re.findall(r"from (\S+) to (\S+) m ", found.remaining.where)[0])
     assert -0.5 < begin < end < -0.1
+
+
+def test_what_is_ruled_out_of_a_carriage_is_in_its_units() -> None:
+    u = np.stack([2.0 * np.sin(2 * np.pi * (0.5 + 0.1 * i) * DT * np.arange(300) + 1.6) for i in range(4)])
+    run = simulate(Model(LinearAxis(m=2.0), (Viscous(b=1.0),), dt=DT), u, np.full(4, -0.3), np.zeros(4))
+    records, sensor = Sensor(0.001, 0.01).measure(run, np.random.default_rng(3)), Sensor(0.001, 0.01)
+    found = diagnose(Model(LinearAxis(), dt=DT), records, sensor, effects=("viscous", "spring", "torque_bias"))
+    assert {name: own["unit"] for name, own in found.ruled_out.items()} == {"spring": "N/m", "torque_bias": "N"}
 
 
 def test_a_constant_torque_is_named_beside_a_torque_that_nothing_explains() -> None:
