@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+import policies
 import sysid
 from tests.pages import PAGES, ROOT, agrees, blocks, wrong
 
@@ -90,9 +91,11 @@ def test_what_agrees():
 
 
 def test_every_public_name_is_in_the_reference_once():
-    text = "".join((DOCS / "reference" / page).read_text(encoding="utf-8") for page in ("sysid.md", "effects.md"))
-    found = re.findall(r"^\.\. (?:autoclass|autofunction|data):: sysid\.(\w+)$", text, re.M)
-    assert sorted([*found, "ops"]) == sorted(sysid.__all__)
+    pages = ("sysid.md", "effects.md", "policies.md")
+    text = "".join((DOCS / "reference" / page).read_text(encoding="utf-8") for page in pages)
+    for package, others in ((sysid, ["ops"]), (policies, [])):
+        found = re.findall(rf"^\.\. (?:autoclass|autofunction|data):: {package.__name__}\.(\w+)$", text, re.M)
+        assert sorted([*found, *others]) == sorted(package.__all__)
 
 
 @pytest.mark.parametrize("path", [*PAGES, *sorted(DOCS.rglob("*.md"))], ids=named)

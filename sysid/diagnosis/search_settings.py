@@ -36,8 +36,8 @@ class SearchSettings:
     alike          alikeness from which telling two effects apart takes 100 times the evidence of finding one
     twin           difference of the deviance below which effects that are `alike` are the same to this log, too: where
                    the fit is far from the truth, their sensitivities differ a little, but what they explain does not
-    close          difference of the deviance below which two effects explain a log equally well, if they are also
-    rival          at least so much alike
+    close          difference of the deviance below which two effects explain a log equally well, if they are rivals
+    rival          alikeness from which two effects are rivals
     enough         error of predictions beyond the noise, as a multiple of the noise, from which something that matters
                    is still missing
     worse          ratio of the held-out error to that of what was fitted, from which something is missing that shows

@@ -1,5 +1,7 @@
 """The rooms of the study import from those above them only, and no module from one that imports it."""
 
+import pytest
+
 from tests.floors import ROOT, against_the_order, circle, imported
 
 FLOORS = (
@@ -21,8 +23,9 @@ def test_a_room_imports_from_those_above_it_only():
     assert not against_the_order("study", FLOORS)
 
 
-def test_no_modules_import_each_other_in_a_circle():
-    assert not circle("study")
+@pytest.mark.parametrize("package", ["sysid", "policies", "study"])
+def test_no_modules_import_each_other_in_a_circle(package):
+    assert not circle(package)
 
 
 def test_the_experiments_on_hidden_plants_stand_without_the_papers_sweep():
