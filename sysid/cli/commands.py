@@ -53,7 +53,7 @@ logger = logging.getLogger(__name__)
 
 ANSWER = "gapfinder/answer/1"
 """The schema of answers that have none of their own."""
-FAR = 10.0
+FAR_ABOVE_NOISE = 10.0
 """An error of so many times the noise is far above it."""
 
 
@@ -243,7 +243,7 @@ class LogAndModel:
 
     def doubt(self, error: HeldOutError) -> None:
         """Say so where the model explains next to nothing of the angle: an error of columns rather than of physics."""
-        if error.theta is None or error.ratio < FAR:
+        if error.theta is None or error.ratio < FAR_ABOVE_NOISE:
             return
         spread = float(np.std(np.concatenate([r.theta for r in self.held_out if r.theta is not None])))
         if not error.theta < 0.3 * spread:
