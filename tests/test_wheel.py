@@ -47,6 +47,8 @@ def test_installed_it_diagnoses_a_log(wheel, tmp_path):
     pip("install", "--no-index", "--no-deps", "--target", tmp_path / "site", wheel)
     away = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(tmp_path / "site")}}
     assert Path(run("-c", "import sysid; print(sysid.__file__)", **away).strip()).is_relative_to(tmp_path)
+    for command, word in (("sysid", "--version"), ("gapfinder-study", "--help"), ("gapfinder-policies", "--help")):
+        assert run(tmp_path / "site" / "bin" / command, word, **away)
     run(ROOT / "examples" / "hidden_effect.py", "--only-log", "--log", tmp_path / "log", **away)
     logs = sorted(tmp_path.rglob("swing*.csv"))
     said = run("-m", "sysid", "diagnose", *logs, "--html", "report.html", **away)
