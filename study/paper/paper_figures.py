@@ -6,7 +6,8 @@ contrasts           every contrast, there and here
 identification      the scatter of the paper's grid search over the budget; identifiers: the budget curve of three
 
 Heat maps and best widths may stand side by side: then they share their scale, which ends at the optimum of the hidden
-plant. A cell's small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
+plant from the start states of the preset's reference seeds. A cell's small number is how much of the gap between no
+data at all, (n, w) = (0, 0), and the optimum from the cell's own start states it closes.
 """
 
 from __future__ import annotations
@@ -45,10 +46,10 @@ Summaries = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
 
 
-def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
+def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float], optima: Mapping[str, float]) -> Figure:
     """Mean return +- SEM of every cell of each side, by title; the best cell is outlined.
 
-    The first side says which cells there are.
+    The first side says which cells there are; optima: of each side, from the start states of its own seeds.
     """
     first = next(iter(sides.values()))
     budgets, widths = sorted({n for n, _ in first}), sorted({w for _, w in first})
@@ -57,12 +58,14 @@ def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) ->
     across = max(5.6, 2.2 + 0.78 * len(sides) * len(widths))
     figure, panels = panels_abreast(len(sides), across, 1.8 + 0.6 * len(budgets))
     for axes, (title, cells) in zip(panels, sides.items(), strict=True):
-        image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
+        image = _panel(axes, cells, (budgets, widths), (low, high), optima[title])
         axes.set_title(title, fontsize=11.0, pad=8.0)
     panels[0].set_ylabel("rollouts measured, n")
     legend = "bold: mean return; below: standard error over seeds"
     if budgets[0] == 0:
         legend += " · share of the gap from no data to the optimum"
+        others = [number(optima[title]) for title in sides if not math.isclose(optima[title], references[OPTIMAL])]
+        legend += f" from the same start states, {' and '.join(others)}" * bool(others)
     legend = textwrap.fill(legend, int(14.0 * across))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
@@ -235,10 +238,11 @@ def curves(findings: PointFindings) -> Figure:
 def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
     cells, found = findings.summaries, dict[str, Callable[[], Figure]]()
+    name = "Mean return on the hidden plant"
     if len(cells) > 1:
-        found["heatmap"] = lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed())
+        found["heatmap"] = lambda: heatmaps({name: cells}, findings.figure_references, {name: findings.optimum})
     if len(findings.point.budgets) > 1:
-        found["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.allowed())
+        found["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.figure_references)
     if any(run.curve for run in findings.runs):
         found["curves"] = lambda: curves(findings)
     return found

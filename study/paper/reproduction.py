@@ -143,11 +143,14 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     ours = {spot[1:]: agreement.ours.summary(spot) for spot in agreement.ours.table if spot.point == "main"}
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
-        references = main.allowed(main.preset.reference_seeds)
+        references = main.figure_references
         layers, seeds = " × ".join(map(str, agreement.preset.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
+        own = sorted({seed for n, w in ours for seed in agreement.ours.seeds(Spot("main", n, w))})
         here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
-        sides = {"Published (256 × 256 networks, 10 seeds)": theirs, here: ours}  # noqa: RUF001
-        drawings["published_heatmap"] = lambda: heatmaps(sides, references)
+        published = "Published (256 × 256 networks, 10 seeds)"  # noqa: RUF001
+        sides = {published: theirs, here: ours}
+        optima = {published: references[OPTIMAL], here: main.rating(OPTIMAL, own)[0]}
+        drawings["published_heatmap"] = lambda: heatmaps(sides, references, optima)
         drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
         drawings["published_contrasts"] = lambda: paper_figures.contrasts(ran)

@@ -99,6 +99,14 @@ class PointFindings:
         """Mean return of every reference controller at the truth, by default from the study's own seeds."""
         return {controller: self.rating(controller, seeds)[0] for controller in CONTROLLERS}
 
+    @property
+    def figure_references(self) -> dict[str, float]:
+        """Mean return of every reference controller from the start states of the preset's reference seeds.
+
+        Heat maps and best widths of a report show these, so that they share an optimum with the published sweep.
+        """
+        return self.allowed(self.preset.reference_seeds)
+
     def design(self, key: Key) -> Array:
         """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
         return np.array([self._known[OPTIMAL, run.theta_hat, run.cell.seed].return_mean for run in self.cells[key]])

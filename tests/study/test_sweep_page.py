@@ -131,3 +131,18 @@ def test_references_csv_has_every_controller(answer, tmp_path):
 def test_the_paper_is_compared_with_the_optimum_from_its_start_states(page, answer):
     optimum = np.mean(answer.reference("optimal", seeds=range(10)))
     assert f"the best cell is {100.0 * (optimum + 337.0) / -optimum:.1f} % below it" in " ".join(page.split())
+
+
+def test_both_heat_maps_of_a_report_share_their_optimum_and_their_shares(answer, tmp_path):
+    """The study's seeds are fewer than the reference seeds, and their optimum is another."""
+    assert answer.optimum != pytest.approx(answer.figure_references["optimal"], abs=1.0)
+    with matplotlib.rc_context(STYLE):
+        own = figures.drawings(answer)["heatmap"]()
+        held = reproduce([answer], tmp_path).drawings["published_heatmap"]()
+    scales = [[note.get_text() for note in figure.axes[-1].findobj(Annotation)] for figure in (own, held)]
+    assert scales[0] == scales[1]
+    assert own.axes[0].images[0].norm.vmax == held.axes[0].images[0].norm.vmax
+    shares = [
+        {text.get_text() for text in axes.texts if "%" in text.get_text()} for axes in (own.axes[0], held.axes[1])
+    ]
+    assert shares[0] == shares[1]
