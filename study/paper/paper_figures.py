@@ -224,7 +224,7 @@ def curves(findings: PointFindings) -> Figure:
             smooth = returns.reshape(len(table), -1, size).mean((0, 2))
             axes.plot(steps / 1000.0, smooth, color=colour, label=findings.label(w))
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
-    panels[0].set_ylabel("training return")
+    panels[0].set_ylabel("return in the simulator\nit is trained in", fontsize=10.0)
     labelled = [axes for axes in panels if axes.lines]
     if labelled:
         labelled[-1].legend(fontsize=8.0, loc="lower right")

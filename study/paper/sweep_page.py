@@ -22,7 +22,9 @@ POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
     "pareto": "The best width at every budget, between training without data and training on the most data.",
-    "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
+    "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes. "
+    "Every n has simulators of its own, so that heights do not compare from panel to panel: what n is worth shows on the "
+    "hidden plant alone.",
 }
 
 
