@@ -65,7 +65,7 @@ def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float], op
     if budgets[0] == 0:
         legend += " · share of the gap from no data to the optimum"
         others = [number(optima[title]) for title in sides if not math.isclose(optima[title], references[OPTIMAL])]
-        legend += f" from the same start states, {' and '.join(others)}" * bool(others)
+        legend += f" ({' and '.join(others)} from this study's start states)" * bool(others)
     legend = textwrap.fill(legend, int(14.0 * across))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
@@ -134,16 +134,18 @@ def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> 
     """
     figure, panels = panels_abreast(len(sides), 6.8 if len(sides) == 1 else 10.0, 4.3)
     first = next(iter(sides.values()))
+    low = min(cell.mean for cells in sides.values() for cell in cells.values())
     for axes, (title, cells) in zip(panels, sides.items(), strict=True):
         if cells is not first:
             best = _best(first)
             axes.plot(list(best), [first[key].mean for key in best.values()], color="0.75", linewidth=1.4, zorder=1)
-        _pareto(axes, cells)
+        _pareto(axes, cells, max(n for n, _ in first), 0.25 * (references[OPTIMAL] - low))
         axes.set_title(title, fontsize=11.0, pad=8.0)
         axes.set_xticks(sorted({n for n, _ in first}))
-    reference_lines(panels, references, min(cell.mean for cells in sides.values() for cell in cells.values()))
+    reference_lines(panels, references, low)
     panels[0].set_ylabel("best mean return at a budget (± SEM)")
-    figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    legend = "w*: the width with the best mean return at that n"
+    figure.supxlabel(f"rollouts measured, n\n{legend}", fontsize=9.0, color="0.15")
     figure.draw_without_rendering()
     for axes in panels:
         _keep_apart(axes)
@@ -155,7 +157,9 @@ def _best(cells: Summaries) -> dict[int, tuple[int, float]]:
     return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
 
 
-def _pareto(axes: Axes, cells: Summaries) -> None:
+def _pareto(axes: Axes, cells: Summaries, end: int, near: float) -> None:
+    """One side; end: the last budget of the axis, near: a distance of two lines within which their names must not stand
+    between them."""
     best = _best(cells)
     first, last = min(best), max(best)
     breadth = first, max(w for n, w in cells if n == first)
@@ -164,12 +168,17 @@ def _pareto(axes: Axes, cells: Summaries) -> None:
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
-        low, right = 0.0 if math.isnan(error) else error, n == last
+        low, right = 0.0 if math.isnan(error) else error, n == end
         annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
                         ha="right" if right else "left",
                         bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
     across = axes.get_yaxis_transform()
-    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+    apart = cells[fidelity].mean - cells[breadth].mean
+    shifts = (-34, 10) if abs(apart) > near else (10, -10) if apart > 0.0 else (-10, 10)
+    for (n, w), name, style, shift in (
+        (fidelity, "pure fidelity", "--", shifts[0]),
+        (breadth, without, ":", shifts[1]),
+    ):
         value = cells[n, w].mean
         axes.axhline(value, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
         text = f"{name}, n = {n}, w = {w:g}: {number(value)}"

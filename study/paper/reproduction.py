@@ -31,7 +31,7 @@ REPRODUCTION_CAPTIONS = {
     "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
     "hidden plant. The best cell of each is outlined.",
     "published_pareto": "The best width at every budget, there and here (the published curve again in grey), between "
-    "each side's extremes and the references.",
+    "each side's extremes and the references. w* is the width with the best mean return at that n.",
     "published_contrasts": "Every contrast that the paper calls significant or not, there and here.",
     "published_claims": "The paper's grid search on many seeds. Left: the error falls slower than 1/√n within the "
     "paper's budgets, where the edge of the grid bounds it, and has no floor there. Right: m scatters; noise in the "

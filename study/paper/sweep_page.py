@@ -21,10 +21,11 @@ CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone",
 POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
-    "pareto": "The best width at every budget, between training without data and training on the most data.",
+    "pareto": "The best width at every budget, between training without data and training on the most data. "
+    "w* is the width with the best mean return at that n.",
     "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes. "
-    "Every n has simulators of its own, so that heights do not compare from panel to panel: what n is worth shows on the "
-    "hidden plant alone.",
+    "Every n has simulators of its own, so that heights do not compare from panel to panel: what n is worth shows on "
+    "the hidden plant alone.",
 }
 
 

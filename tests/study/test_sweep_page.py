@@ -104,6 +104,20 @@ def test_no_note_of_the_best_widths_covers_another(error):
     assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
 
 
+@pytest.mark.parametrize("gain", [130.0, -130.0])
+def test_the_names_of_two_close_lines_stand_on_their_outer_sides(gain):
+    """Between the lines a name could be read as that of either."""
+    cells = {(n, 0.0): CellSummary(mean, 20.0, mean, 2) for n, mean in ((0, -1460.0), (2, -1460.0 + gain))}
+    with matplotlib.rc_context(STYLE):
+        figure = figures.paretos({"": cells}, {"optimal": -331.0, "swing_up_lqr": -335.0, "lqr": -960.0})
+        figure.draw_without_rendering()
+        notes = {note.get_text().split(",")[0]: note for note in figure.axes[0].findobj(Annotation)}
+        middle = {name: notes[name].get_window_extent() for name in ("no data", "pure fidelity")}
+    upper, lower = ("pure fidelity", "no data") if gain > 0.0 else ("no data", "pure fidelity")
+    height = {name: figure.axes[0].transData.transform((0.0, notes[name].xy[1]))[1] for name in middle}
+    assert middle[upper].y0 > height[upper] > height[lower] > middle[lower].y1
+
+
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
     write_rows(tmp_path / "runs.csv", *run_table(answer.runs))
     with (tmp_path / "runs.csv").open() as file:
