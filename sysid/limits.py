@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from sysid.errors import InvalidInput
 
 LOG_ROWS = 1_000_000
@@ -22,12 +24,21 @@ PLANNED_SAMPLES = 20_000
 """Samples of an experiment, all its rollouts together."""
 MAGNITUDE = 1e12
 """The largest reading, command or time of a log."""
+SIZES = (1e-20, 1e20)
+"""Between which sizes a noise or a largest torque lies, in the unit of its channel: squares and sums stay finite."""
 
 
 def check_size(what: str, size: float, most: float, advice: str = "") -> None:
     """Raise InvalidInput where a size is above its limit. what: what has that size; advice: what else to expect."""
     if not size <= most:
         raise InvalidInput(f"{what} {_plain(size)}: expected at most {_plain(most)}{f', {advice}' if advice else ''}")
+
+
+def check_magnitude(what: str, value: float) -> None:
+    """Raise InvalidInput where a positive number is out of all proportion; inf stands for no limit at all."""
+    low, high = SIZES
+    if not (low <= value <= high or value == math.inf):
+        raise InvalidInput(f"{what} {value:g}: expected {low:g} to {high:g}")
 
 
 def _plain(size: float) -> str:

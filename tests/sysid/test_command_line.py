@@ -475,3 +475,14 @@ def test_an_actuators_constant_stays_where_the_plant_is_free(tmp_path, capsys):
         said = capsys.readouterr().out
         assert "it stays at 1 N m/V" in said and "dc_motor.k_e = " in said.replace("  ", " ")
         assert "dc_motor.k " not in said
+
+
+@pytest.mark.parametrize("noise", ["theta=1e-300", "theta_dot=1e-300", "theta=1e-160,theta_dot=0.05", "theta=1e300"])
+def test_a_noise_out_of_all_proportion_is_refused(noise, hidden, capsys):
+    said = answering.refused(main, ["fit", hidden[0], "--noise", noise], capsys)
+    assert "sensor sd of " in said and ": expected 1e-20 to 1e+20" in said
+
+
+@pytest.mark.parametrize("noise", ["theta=1e-12,theta_dot=0.05", "theta=1e-12,theta_dot=1e12"])
+def test_a_noise_of_any_unit_is_taken(noise, hidden):
+    assert main(["fit", hidden[0], "--noise", noise]) == 0

@@ -132,6 +132,7 @@ MISUSES = {
     "model: u_max of nan": (lambda: Model(PLANT, u_max=math.nan), "u_max = nan: expected a positive"),
     "model: dt that is None": (lambda: Model(PLANT, dt=None), "dt = None: expected a positive number of seconds"),
     "model: dt as text": (lambda: Model(PLANT, dt="0.02"), "dt = '0.02': expected a positive number of seconds"),
+    "model: u_max beyond all": (lambda: Model(PLANT, u_max=1e300), "u_max = 1e\\+300: expected 1e-20 to 1e\\+20"),
     "model: u_max as text": (lambda: Model(PLANT, u_max="2"), "u_max = '2': expected a positive number"),
     "model: dt as effects": (lambda: Model(PLANT, 0.02), "effects holds 0.02: expected effects"),
     "model: class as effects": (lambda: Model(PLANT, Coulomb), "effects holds <class .*Coulomb'>: expected effects"),
