@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from policies.cli.options import COMMANDS
-from sysid.cli.command_line import answer, called
+from sysid.cli.command_line import answer, called, ends_quietly
 
 
+@ends_quietly
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 answered, 2 bad input, 130 stopped."""
+    """Run the command line; returns the exit code: 0 answered, 1 nobody reads on, 2 bad input, 130 stopped."""
     about = "A controller for a fitted model: trained on it, written to a file, judged on another model."
     return answer(COMMANDS, _run, called("python -m policies"), about, arguments)
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from study.presets import ABOUT, PRESETS
+from sysid.cli.command_line import called, ends_quietly
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -60,10 +61,12 @@ class Options:
     """Seconds between checkpoints of a population: about what a crash may cost it."""
 
 
+@ends_quietly
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    from sysid.cli.command_line import called
+    """Run the command line.
 
+    Returns the exit code: 0 done, 1 a task failed or nobody reads on, 2 bad input, 130 stopped.
+    """
     program, given = called("python -m study.main"), sys.argv[1:] if arguments is None else list(arguments)
     options = tyro.cli(Options, prog=program, args=given)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
@@ -96,6 +99,8 @@ def _study(options: Options, command: str) -> int:
         return 130
     except InvalidInput as error:
         return _fail(str(error), 2)
+    except BrokenPipeError:
+        raise
     except (WorkerFailed, OSError, sqlite3.Error) as error:
         return _fail(f"{error}; finished runs are kept, and the same command goes on: {command}", 1)
     return 0

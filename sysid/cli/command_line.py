@@ -13,11 +13,11 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import reduce
+from functools import reduce, wraps
 from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Union, get_args
+from typing import Any, ParamSpec, Union, get_args
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -25,6 +25,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
+P = ParamSpec("P")
 PACKAGES = ("sysid", "policies", "study.worth")
 """The loggers that a command line listens to."""
 OPTIONS = ConstructorRegistry()
@@ -91,6 +92,26 @@ def called(module: str) -> str:
     return name if name.startswith("gapfinder-") else module
 
 
+def ends_quietly(main: Callable[P, int]) -> Callable[P, int]:
+    """Of an entry point the one that says nothing where whoever read its output has gone away.
+
+    Nobody waits for the rest, which is no error of the user's: the exit code is 1, as Python's own is then.
+    """
+
+    @wraps(main)
+    def run(*arguments: P.args, **named: P.kwargs) -> int:
+        try:
+            try:
+                return main(*arguments, **named)
+            finally:
+                sys.stdout.flush()  # here, and not when the interpreter ends, where nothing could be caught
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+
+    return run
+
+
 def answer(
     commands: Mapping[str, Callable[..., Any]],
     run: Callable[[Any], None],
@@ -126,8 +147,8 @@ def carry_out(command: Any, run: Callable[[Any], None]) -> int:
         except KeyboardInterrupt:
             logger.error("stopped")
             return 130
-        except BrokenPipeError:  # whoever read the answer has seen enough
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except BrokenPipeError:  # whoever read the answer has seen enough: `ends_quietly`
+            raise
         except BaseException as error:
             logger.error(f"error: {_refusal(error)}")
             return 2

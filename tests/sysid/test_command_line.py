@@ -486,3 +486,15 @@ def test_a_noise_out_of_all_proportion_is_refused(noise, hidden, capsys):
 @pytest.mark.parametrize("noise", ["theta=1e-12,theta_dot=0.05", "theta=1e-12,theta_dot=1e12"])
 def test_a_noise_of_any_unit_is_taken(noise, hidden):
     assert main(["fit", hidden[0], "--noise", noise]) == 0
+
+
+@pytest.mark.parametrize("module", ["sysid", "policies", "study.worth", "study.main"])
+def test_who_closes_the_pipe_reads_no_traceback(module):
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        words = [sys.executable, "-m", module, "--help"]
+        done = subprocess.run(words, cwd=ROOT, stdout=writing, stderr=subprocess.PIPE, timeout=60, check=False)
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (1, b"")
