@@ -12,9 +12,9 @@ import casadi
 import numpy as np
 
 from sysid.data.files import path_of, read_file
-from sysid.errors import LONGEST, InvalidInput
+from sysid.errors import LONGEST, InvalidInput, described, is_real
 from sysid.physics.candidates import alternatives
-from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.effects import CATALOGUE, Actuator, Effect, JointEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Extent
@@ -126,6 +126,9 @@ def _problem(kind: type[Effect]) -> str:
     still = _moved(plain)
     for alternative in (tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1})):  # formulas fail at the ends
         for e in (alternative.neutral, *alternative.probes):
+            torque = _torque(plain, e)
+            if not _fits(torque):
+                return f"torque returns {_shown(torque)}: expected a number or an array of the state's shape"
             numbers = _moved(plain.with_effect(e))
             if not np.all(np.isfinite(numbers)):
                 return f"at {_numbers(e)} it gives numbers that are not finite"
@@ -135,6 +138,26 @@ def _problem(kind: type[Effect]) -> str:
             if e is alternative.neutral and not np.allclose(numbers, still, rtol=1e-9, atol=1e-9):
                 return f"at its neutral value, {_numbers(e)}, it changes the motion"
     return ""
+
+
+def _torque(model: Model, e: Effect) -> object:
+    """What an effect that is a torque returns as such, at as many states as THETA has; 0 for any other effect."""
+    if isinstance(e, Actuator):
+        return e.torque(np.full(THETA.shape, U[0]), THETA, THETA_DOT)
+    if isinstance(e, JointEffect):
+        return e.torque(model.joint(THETA, THETA_DOT, 0.0, np.full(THETA.shape, U[0])))
+    return 0.0
+
+
+def _fits(value: object) -> bool:
+    """Whether a value is a number, or an array of numbers that has one for all states or one for each."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind in "biuf" and value.shape in ((), (1,), THETA.shape)
+    return is_real(value) or isinstance(value, np.bool_)
+
+
+def _shown(value: object) -> str:
+    return f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else described(value)
 
 
 def _numbers(e: Effect) -> str:

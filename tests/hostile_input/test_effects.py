@@ -51,6 +51,21 @@ def test_an_effect_may_raise_anything_or_be_none(text, tmp_path, capsys):
     assert before == sysid.CATALOGUE
 
 
+@pytest.mark.parametrize(
+    ("returned", "shown"),
+    [
+        ("None", "returns None"),
+        ("'0.1'", "returns '0.1'"),
+        ("[0.1, 0.2, 0.3]", "returns [0.1, 0.2, 0.3]"),
+        ("__import__('numpy').ones(3)", "returns an array of shape (3,)"),
+    ],
+)
+def test_a_torque_that_is_no_number_is_shown_beside_what_was_expected(returned, shown, tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(EFFECT.format(declared="", first=f"return {returned}"))
+    said = refused(sysid_main, ["effects", "--effects", str(tmp_path / "mine.py")], capsys)
+    assert f"effect 'weight' of mine.py: torque {shown}: expected a number or an array of the state's shape" in said
+
+
 def test_an_effect_that_raises_in_the_middle_is_blamed_with_its_line(log, tmp_path, capsys):
     count = "import builtins; builtins.seen = getattr(builtins, 'seen', 0) + 1; assert builtins.seen < 200, 'too often'"
     (tmp_path / "mine.py").write_text(EFFECT.format(declared="", first=count))
