@@ -38,6 +38,11 @@ from sysid import (
     UnscentedKalman,
     fisher_information,
 )
+from sysid.data.files import full_path
+from sysid.errors import InvalidInput
+from sysid.limits import check_size
+
+MOST_SEEDS = 10_000
 
 NAMES = ("m", "l")
 TRUTH = np.array([2.0, 1.5])
@@ -272,6 +277,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     count = (20 if options.quick else 100) if options.seeds is None else options.seeds
     if options.workers < 1 or count < 1:
         parser.error(f"--workers {options.workers}, --seeds {count}: expected at least 1")
+    try:
+        check_size("--seeds", count, MOST_SEEDS)
+        for path in filter(None, (options.json, options.figure)):
+            full_path(path, "write")
+    except InvalidInput as error:
+        parser.error(str(error))
     if options.figure.suffix.lower() not in (".png", ".pdf", ".svg"):
         parser.error(f"--figure {options.figure}: expected a file name that ends in .png, .pdf or .svg")
     for path in (options.json, options.figure):

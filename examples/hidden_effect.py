@@ -107,6 +107,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--html", type=Path, metavar="FILE", help="also write the report, which opens offline")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the diagnosis as JSON")
     options = parser.parse_args(arguments)
+    from sysid.data.files import full_path
+    from sysid.errors import InvalidInput
+
+    try:
+        for path in filter(None, (options.log, options.json, options.html, options.figure)):
+            full_path(path, "write")
+    except InvalidInput as error:
+        parser.error(str(error))
     if options.seed < 0:
         parser.error(f"--seed {options.seed}: expected 0 or more")
     if options.figure.suffix.lower() not in (".png", ".pdf", ".svg"):

@@ -33,9 +33,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--grid", type=int, default=450, metavar="N", help="N x (N + 1) states (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
-        grid = Grid(options.grid, options.grid + 1)
+        compare(Grid(options.grid, options.grid + 1))
     except InvalidInput as error:
         parser.error(str(error))
+    return 0
+
+
+def compare(grid: Grid) -> None:
+    """Print one line a pendulum. Raises InvalidInput for a grid that is too large."""
     theta, theta_dot = (np.concatenate(x) for x in zip(*(start_states(seed) for seed in range(10)), strict=True))
     print(f"{'m [kg]':>6} {'l [m]':>6} {'optimal':>9} {'swing-up + LQR':>15} {'LQR':>9} {'solved in [s]':>14}")
     for m, l in SYSTEMS:  # noqa: E741
@@ -48,7 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for policy in (optimal, design_swing_up(model), design_lqr(model))
         ]
         print(f"{m:6.1f} {l:6.1f} {returns[0]:9.1f} {returns[1]:15.1f} {returns[2]:9.1f} {seconds:14.1f}", flush=True)
-    return 0
 
 
 if __name__ == "__main__":

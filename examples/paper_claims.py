@@ -26,6 +26,10 @@ from study.paper.agreement import Agreement
 from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import scatter
 from study.paper.paper_figures import identification
+from sysid.errors import InvalidInput
+from sysid.limits import check_size
+
+MOST_SEEDS = 100_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,6 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.seeds < 2:
         parser.error(f"--seeds {options.seeds}: expected at least 2, one says nothing of scatter")
+    try:
+        check_size("--seeds", options.seeds, MOST_SEEDS)
+    except InvalidInput as error:
+        parser.error(str(error))
     begin = time.perf_counter()
     found = scatter(np.random.default_rng(0), options.seeds)
     answers = (claims.rate(found), claims.bias(found), claims.error_floor(found), claims.plateau(), claims.monotone())

@@ -28,6 +28,8 @@ from policies.control.predictive import design_predictive
 from policies.environments import task
 from policies.environments.machine import machine_of, past_commands_needed
 from policies.evaluation import Evaluation, Policy, evaluate, fresh_start_states
+from policies.limits import EPISODES
+from sysid.limits import check_size
 from sysid.planning.excitation import steps
 
 DT, U_MAX = 0.02, 2.0  # the log's interval [s], the largest torque [N m]
@@ -131,6 +133,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.seed < 0 or options.train < 0 or options.episodes < 2:
         parser.error("expected a seed and steps of 0 or more, and at least 2 episodes")
+    try:
+        check_size("--episodes", options.episodes, EPISODES)
+    except sysid.InvalidInput as error:
+        parser.error(str(error))
     for package, extra in (("mujoco", "sim"), *([("onnx", "onnx")] if options.train else [])):
         if importlib.util.find_spec(package) is None:
             parser.error(f"the package {package} is not installed: pip install 'gapfinder[{extra}]'")

@@ -44,8 +44,11 @@ def imported(name):
         ("compare_sysid", ["--workers", "0"], "at least 1"),
         ("compare_sysid", ["--seeds", "0"], "at least 1"),
         ("compare_sysid", ["--json", "."], "cannot write"),
+        ("compare_sysid", ["--seeds", "1000000000"], "expected at most 10,000"),
         ("optimal_returns", ["--grid", "121"], "even number"),
+        ("optimal_returns", ["--grid", "1000000"], "too large"),
         ("paper_claims", ["--seeds", "1"], "at least 2"),
+        ("paper_claims", ["--seeds", "1000000000"], "expected at most 100,000"),
         ("paper_claims", ["--seeds", "2", "--figure", "."], "cannot write"),
         ("compare_sweeps", [f"study/results/{preset}/runs.csv" for preset in ("robustness", "paper")], "share no cell"),
         ("hidden_effect", ["--seed", "-1"], "0 or more"),
@@ -53,6 +56,7 @@ def imported(name):
         ("hidden_effect", ["--html", "."], "cannot write"),
         ("sim_to_real", ["--seed", "-1"], "0 or more"),
         ("sim_to_real", ["--episodes", "1"], "0 or more"),
+        ("sim_to_real", ["--episodes", "1000000000"], "expected at most 100,000"),
         ("sim_to_real", ["--train", "-1"], "0 or more"),
     ],
 )
@@ -60,6 +64,22 @@ def test_wrong_input_is_refused(name, arguments, message):
     done = run(f"{name}.py", *arguments)
     assert done.returncode == 2
     assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("hidden_effect", ["--only-log", "--log"]),
+        ("hidden_effect", ["--only-log", "--html"]),
+        ("compare_sysid", ["--json"]),
+    ],
+)
+def test_a_link_to_itself_is_refused(name, arguments, tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    done = run(f"{name}.py", *arguments, tmp_path / "loop", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "error: cannot write " in done.stderr
     assert "Traceback" not in done.stderr
 
 
