@@ -19,7 +19,7 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.refits import extended, without_contained
+from sysid.estimation.refits import extended, without_free
 from sysid.estimation.scores import scores
 from sysid.physics.effects import Effect, OutputEffect, effect
 from sysid.physics.model import Model
@@ -107,7 +107,7 @@ def add(
     training, held_out = split(records, hold_out)
     sensor = relied_on(with_it, training, sensor or sensor_noise(records).sensor)
     base = first_fit(Samples(model, training, sensor), model, names)
-    begun = without_contained(base, name)
+    begun = without_free(base, added.contains)
     score = scores(begun, (name,)).get(name)
     if score is None or not score.visible:
         raise InvalidInput(f"{name} changes nothing that this log shows: expected an effect that moves its readings")

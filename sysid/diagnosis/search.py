@@ -28,7 +28,7 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, reduced, settled, without_contained
+from sysid.estimation.refits import extended, reduced, settled, without_free
 from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.estimation.solver import DEFAULT as THOROUGH
 from sysid.estimation.solver import QUICK, Settings, fit_parameters
@@ -257,7 +257,7 @@ class Search:
         try:
             begun = near or now
             for name in refining:
-                begun = without_contained(begun, name, QUICK)
+                begun = without_free(begun, CATALOGUE[name].contains, QUICK)
             tested = self.last | (scores(begun, refining) if refining else {})
             start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
             found = extended(begun, start, QUICK)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import DEFAULT as THOROUGH
 from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
-from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.effects import Effect
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
@@ -39,13 +39,10 @@ def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
     return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)
 
 
-def without_contained(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
-    """The fit without those effects with free numbers that the effect `name` contains; `now` if there are none.
-
-    Beside it their numbers would be undetermined, so that it takes their place.
-    """
+def without_free(now: Fit, effects: Collection[str], settings: Settings = THOROUGH) -> Fit:
+    """The fit without those of these effects that have free numbers; `now` if there are none."""
     free = {now.model.parameters[n].owner for n in now.names}
-    for own in CATALOGUE[name].contains:
-        if own in free:
-            now = reduced(now, own, settings)
+    for name in effects:
+        if name in free:
+            now = reduced(now, name, settings)
     return now
