@@ -34,7 +34,7 @@ def check_size(what: str, size: float, most: float, advice: str = "") -> None:
         raise InvalidInput(f"{what} {_plain(size)}: expected at most {_plain(most)}{f', {advice}' if advice else ''}")
 
 
-def check_magnitude(what: str, value: float) -> None:
+def check_range(what: str, value: float) -> None:
     """Raise InvalidInput where a positive number is out of all proportion; inf stands for no limit at all."""
     low, high = SIZES
     if not (low <= value <= high or value == math.inf):

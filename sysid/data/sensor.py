@@ -10,7 +10,7 @@ import numpy as np
 from sysid.data.jitter import speed_about
 from sysid.data.record import Record
 from sysid.errors import InvalidInput, check_kind, is_real
-from sysid.limits import check_magnitude
+from sysid.limits import check_range
 from sysid.physics.ops import Array
 from sysid.physics.simulate import Trajectory
 
@@ -47,7 +47,7 @@ class Sensor:
             if sd is not None and not (is_real(sd) and sd > 0.0 and math.isfinite(sd)):
                 raise InvalidInput(f"sensor sd of {name} is {sd!r}: expected a positive number, or None (not measured)")
             if sd is not None:
-                check_magnitude(f"sensor sd of {name} is", sd)
+                check_range(f"sensor sd of {name} is", sd)
         if not (is_real(self.jitter) and self.jitter >= 0.0 and math.isfinite(self.jitter)):
             raise InvalidInput(f"the sensor's jitter is {self.jitter!r} s: expected zero or more")
         if self.theta is None and self.theta_dot is None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.errors import InvalidInput, check_kind, is_real, items_of
-from sysid.limits import LOG_SUBSTEPS, check_magnitude
+from sysid.limits import LOG_SUBSTEPS, check_range
 from sysid.physics.effects.effect import (
     Actuator,
     DryFriction,
@@ -92,7 +92,7 @@ class Model:
             value = getattr(self, name)
             if not (is_real(value) and value > 0.0):
                 raise InvalidInput(f"{name} = {value!r}: expected a positive number")
-        check_magnitude("u_max =", self.u_max)
+        check_range("u_max =", self.u_max)
         if not isinstance(self.plant, Plant):
             raise InvalidInput(f"plant is {self.plant!r}: expected a plant, such as RodPendulum()")
         object.__setattr__(self, "integrator", self.integrator or _integrator_of(self.dt))
