@@ -20,6 +20,11 @@ class InvalidInput(ValueError):
 
     Command lines print it as one line and leave with exit code 2. It shows no control characters of what a file held,
     and of a long message the begin and the end.
+
+    Parameters
+    ----------
+    message : object
+        What the exception says; it is converted to text, and every run of white space in it becomes one space.
     """
 
     def __init__(self, message: object = "") -> None:

@@ -23,10 +23,25 @@ Deceleration = Callable[[Value, Value, Value, Value], tuple[Value, Value]]
 
 @dataclass(frozen=True)
 class Integrator(ABC):
-    """Advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque.
+    """A scheme that advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque.
 
     Dry friction c, taken at the middle of a substep, joins the other torques as if the joint slid all the time, which
     keeps the scheme's order. `stick_slip` corrects substeps in which the joint stops, stays at rest or breaks away.
+
+    Parameters
+    ----------
+    substeps : int, default 1
+        The number of steps of a control interval, from 1 to 10,000.
+
+    Attributes
+    ----------
+    order : int
+        The order of the scheme.
+
+    Raises
+    ------
+    InvalidInput
+        For substeps that are not a whole number from 1 to 10,000.
     """
 
     substeps: int = 1
@@ -49,7 +64,29 @@ class Integrator(ABC):
         dt: float,
         deceleration: Deceleration | None = None,
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
+        """The state after one control interval under drive torques, one per substep.
+
+        Parameters
+        ----------
+        acceleration : function
+            theta_ddot(theta, theta_dot, t, drive) [rad/s^2], without dry friction.
+        theta, theta_dot : Value
+            The state at the begin [rad], [rad/s].
+        t : Value
+            The instant of the begin [s].
+        drives : sequence of Value
+            The drive torques [N m], one per substep.
+        dt : float
+            The control interval [s].
+        deceleration : function, optional
+            The limits of dry friction against positive and negative speed (theta, theta_dot, t, drive) [rad/s^2], both
+            >= 0; by default there is no dry friction.
+
+        Returns
+        -------
+        theta, theta_dot : Value
+            The state at the end [rad], [rad/s].
+        """
         h = dt / self.substeps
         for j, drive in enumerate(drives):
             theta, theta_dot = self._driven(acceleration, deceleration, theta, theta_dot, t + j * h, drive, h)
@@ -88,7 +125,26 @@ class Integrator(ABC):
     def substep(
         self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after h [s] under a constant drive torque; `first` is the acceleration at its begin."""
+        """One step of the scheme under a constant drive torque.
+
+        Parameters
+        ----------
+        acceleration : function
+            theta_ddot(theta, theta_dot, t) [rad/s^2] under the drive torque of the substep.
+        first : Value
+            The acceleration at the begin of the step [rad/s^2].
+        theta, theta_dot : Value
+            The state at the begin [rad], [rad/s].
+        t : Value
+            The instant of the begin [s].
+        h : float
+            The length of the step [s].
+
+        Returns
+        -------
+        theta, theta_dot : Value
+            The state after h [rad], [rad/s].
+        """
 
 
 def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value, Value]:
@@ -111,8 +167,20 @@ def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple
 class SemiImplicitEuler(Integrator):
     """Gymnasium's and the paper's step, of first order; the speed is clipped before it advances the angle.
 
-    theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max)
-    theta' = theta + h theta_dot'
+        theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max)
+        theta' = theta + h theta_dot'
+
+    Parameters
+    ----------
+    substeps : int, default 1
+        The number of steps of a control interval, from 1 to 10,000.
+    theta_dot_max : float, default inf
+        The largest speed [rad/s].
+
+    Raises
+    ------
+    InvalidInput
+        For substeps that are not a whole number from 1 to 10,000, and a largest speed that is not positive.
     """
 
     theta_dot_max: float = math.inf
@@ -133,7 +201,22 @@ class SemiImplicitEuler(Integrator):
 
 @dataclass(frozen=True)
 class RK4(Integrator):
-    """The classical fourth-order Runge-Kutta step (Hairer, Norsett, Wanner: Solving ODEs I, Table II.1.2)."""
+    """The classical Runge-Kutta step, of fourth order.
+
+    Parameters
+    ----------
+    substeps : int, default 1
+        The number of steps of a control interval, from 1 to 10,000.
+
+    Raises
+    ------
+    InvalidInput
+        For substeps that are not a whole number from 1 to 10,000.
+
+    References
+    ----------
+    Hairer, Norsett, Wanner: Solving ODEs I, Table II.1.2.
+    """
 
     order: ClassVar[int] = 4
 

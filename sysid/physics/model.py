@@ -44,7 +44,17 @@ def _integrator_of(dt: float) -> Integrator:
 
 
 class State(NamedTuple):
-    """theta [rad] (unwrapped, 0 upright), theta_dot [rad/s], and the memory of each input and each dynamic effect."""
+    """The state of a model at one instant.
+
+    Attributes
+    ----------
+    theta : Value
+        Angle [rad], unwrapped, 0 upright.
+    theta_dot : Value
+        Speed [rad/s].
+    memory : tuple of tuples of Value
+        The memory of each input effect and of each dynamic effect.
+    """
 
     theta: Value
     theta_dot: Value

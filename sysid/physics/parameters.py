@@ -22,11 +22,25 @@ NEVER = 1e5
 
 
 class Extent(NamedTuple):
-    """The sizes of a log and its model on which probes may depend: dt [s], the longest rollout [s], the largest command
-    [N m], the reach, the model's inertia [kg m^2], and the largest speed [reach/s] if anything moves.
+    """The sizes of a log and its model on which probes may depend.
 
     The reach is a large way: a radian for a joint, half of the travel [m] for an axis. So no answer depends on whether
     positions came in metres.
+
+    Attributes
+    ----------
+    dt : float
+        The control interval [s].
+    duration : float
+        The longest rollout [s].
+    u_max : float
+        The largest command [N m].
+    reach : float
+        A large way [rad], for an axis [m].
+    inertia : float
+        The model's inertia [kg m^2].
+    speed : float
+        The largest speed [reach/s], if anything moves.
     """
 
     dt: float
@@ -44,13 +58,30 @@ Probe: TypeAlias = float | Sequence[float] | LogProbe | None
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
+    """One number of a model, with its unit, its bounds and its neutral value.
 
-    In a model its `name` is that of its `owner`, the effect ("" for the plant), and of the `field` that holds it, as in
-    "coulomb.tau_c". At its `neutral` value the effect changes nothing; a parameter that has none (None) is a shape.
-    `probe` gives values to try it at: numbers, or a function of a log's Extent. A `known` parameter, such as gravity,
-    is looked up: no fit changes it unless it is asked to. `angles` is the power of the angle in the declared unit: 1 in
-    "rad/s", -2 in "N m s^2/rad^2".
+    Attributes
+    ----------
+    name : str
+        In a model, the names of its `owner` and of its `field`, as in "coulomb.tau_c".
+    value : Value
+        The number in `unit`: a float, an array, a CasADi symbol or a tensor.
+    unit : str
+        The unit of the value and of its bounds.
+    bounds : (float, float)
+        The values that are allowed, ends included.
+    neutral : float or None
+        The value at which the effect changes nothing; a parameter that has none (None) is a shape.
+    probe : float, sequence of float, function or None
+        The values to try it at: numbers, or a function of a log's Extent that gives them.
+    known : bool
+        Whether it is looked up, as gravity is: no fit changes it unless it is asked to.
+    owner : str
+        The effect that has it; "" for the plant.
+    field : str
+        The field that holds it.
+    angles : int
+        The power of the angle in the declared unit: 1 in "rad/s", -2 in "N m s^2/rad^2".
     """
 
     name: str
@@ -69,6 +100,16 @@ class Parameter:
 
         If none are declared, that of a shape is its value, else it is a hundredth of `large` beside neutral. Values
         declared in radians count in units of the reach.
+
+        Parameters
+        ----------
+        extent : Extent
+            The sizes of the log and its model.
+
+        Returns
+        -------
+        tuple of float
+            The values, each once, in `unit`; the neutral value is not among them.
         """
         chosen = self.probe(extent) if callable(self.probe) else self.probe
         numbers = chosen if isinstance(chosen, Sequence) else (chosen,) if chosen is not None else ()
@@ -85,7 +126,18 @@ class Parameter:
         return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
 
     def large(self, extent: Extent) -> float:
-        """A large number on a log of that extent: 1 in its unit, but with the log's own torque, inertia and reach."""
+        """A large number on a log of that extent: 1 in its unit, but with the log's own torque, inertia and reach.
+
+        Parameters
+        ----------
+        extent : Extent
+            The sizes of the log and its model.
+
+        Returns
+        -------
+        float
+            The number, in `unit`.
+        """
         own = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
         return (own or 1.0) * extent.reach**self.angles
 
@@ -100,7 +152,20 @@ class Parameter:
         return bool(self.owner) and self.unit in ("N m", "N") and self.neutral is not None and not self.never
 
     def check(self, value: Value, owner: str = "") -> None:
-        """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""
+        """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass.
+
+        Parameters
+        ----------
+        value : Value
+            The number, or an array of numbers, to check.
+        owner : str
+            What the message puts before the parameter's name; by default nothing.
+
+        Raises
+        ------
+        InvalidInput
+            For numbers that are not finite or are out of bounds, and for what is no number, such as None or a text.
+        """
         low, high = self.bounds
         if isinstance(value, float) and math.isfinite(value) and low <= value <= high:
             return
@@ -158,7 +223,15 @@ def parameter(
 class Parametric:
     """A part of a model (plant or effect) whose numbers are fields made by `parameter`.
 
-    bounds   other bounds than the declared ones, by field name: RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})
+    Parameters
+    ----------
+    bounds : mapping of str to (float, float)
+        Other bounds than the declared ones, by field name: `RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})`.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
     bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict, kw_only=True, repr=False)
@@ -185,7 +258,23 @@ class Parametric:
         return found
 
     def with_parameters(self, values: Mapping[str, Value]) -> Any:
-        """The same part holding other numbers: floats, arrays, CasADi symbols or tensors."""
+        """The same part holding other numbers: floats, arrays, CasADi symbols or tensors.
+
+        Parameters
+        ----------
+        values : mapping of str to Value
+            The numbers by field name; fields that are not named keep theirs.
+
+        Returns
+        -------
+        Parametric
+            A new part of the same class.
+
+        Raises
+        ------
+        InvalidInput
+            For numbers that are not finite or are out of bounds.
+        """
         return dataclasses.replace(self, **values) if values else self
 
 

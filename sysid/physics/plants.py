@@ -21,13 +21,34 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, eq=False)
 class Plant(Parametric):
-    """J theta_ddot = gravity_torque(theta) + tau, with theta = 0 upright and theta = pi hanging.
+    """What swings or slides: a body with an inertia J and a gravity torque.
 
-    turns: whether theta comes back to the same place after a turn.
-    rest: the theta at which gravity lets it rest and a spring is slack.
-    scale: the parameter in proportion to all torques: without a known torque, motion cannot show it.
-    gravity: the fitted parameter that sets gravity alone; empty if each one sets the inertia, too.
-    units: this plant's names for the units of turning, the longest first; empty if it turns.
+        J theta_ddot = gravity_torque(theta) + tau
+
+    theta = 0 is upright and theta = pi is hanging.
+
+    Parameters
+    ----------
+    bounds : mapping of str to (float, float), optional
+        Other bounds than the declared ones, by field name.
+
+    Attributes
+    ----------
+    turns : bool
+        Whether theta comes back to the same place after a turn.
+    rest : float
+        The theta [rad] at which gravity lets it rest and a spring is slack.
+    scale : str
+        The parameter in proportion to all torques: without a known torque, motion cannot show it.
+    gravity : str
+        The fitted parameter that sets gravity alone; empty if each one sets the inertia, too.
+    units : mapping of str to str
+        This plant's names for the units of turning, the longest first; empty if it turns.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
     turns: ClassVar[bool] = True
@@ -60,16 +81,44 @@ class Plant(Parametric):
         return {name: self.unit(unit) for name, unit in turning.items()}
 
     def place(self, theta: Array) -> Array:
-        """Where theta [rad] is: modulo a turn if the plant turns."""
+        """Where theta is: modulo a turn if the plant turns.
+
+        Parameters
+        ----------
+        theta : array
+            Angles [rad].
+
+        Returns
+        -------
+        array
+            The places [rad], from 0 to 2 pi if the plant turns; else theta itself.
+        """
         return np.mod(theta, 2.0 * math.pi) if self.turns else theta
 
     @abstractmethod
     def inertia(self) -> Value:
-        """J [kg m^2], about the axis."""
+        """The inertia J about the axis.
+
+        Returns
+        -------
+        Value
+            J [kg m^2].
+        """
 
     @abstractmethod
     def gravity_torque(self, theta: Value) -> Value:
-        """Torque of gravity [N m] at theta [rad]; positive raises theta."""
+        """The torque of gravity at theta; positive raises theta.
+
+        Parameters
+        ----------
+        theta : Value
+            The angle [rad].
+
+        Returns
+        -------
+        Value
+            The torque [N m].
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +128,25 @@ class RodPendulum(Plant):
         J = m l^2 / 3,   gravity_torque = m g (l / 2) sin(theta)
         theta_ddot = 3 g / (2 l) sin(theta) + 3 / (m l^2) tau
 
-    Source: Gymnasium's Pendulum-v1.
+    Parameters
+    ----------
+    m : float, default 1
+        Mass [kg], from 0.001 to 1000.
+    l : float, default 1
+        Length [m], from 0.01 to 100.
+    g : float, default 10
+        Acceleration of gravity [m/s^2], from 0 to 30; it is known: no fit changes it unless it is asked to.
+    bounds : mapping of str to (float, float), optional
+        Other bounds than these, by field name: `RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})`.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
+
+    References
+    ----------
+    Gymnasium's Pendulum-v1.
     """
 
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e3))
@@ -99,7 +166,23 @@ class RodPendulum(Plant):
 class PointMassPendulum(Plant):
     """A point mass m at the end of a massless rod of length l.
 
-    J = m l^2,   gravity_torque = m g l sin(theta)
+        J = m l^2,   gravity_torque = m g l sin(theta)
+
+    Parameters
+    ----------
+    m : float, default 1
+        Mass [kg], from 0.001 to 1000.
+    l : float, default 1
+        Length [m], from 0.01 to 100.
+    g : float, default 9.81
+        Acceleration of gravity [m/s^2], from 0 to 30; it is known: no fit changes it unless it is asked to.
+    bounds : mapping of str to (float, float), optional
+        Other bounds than these, by field name.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e3))
@@ -117,12 +200,26 @@ class PointMassPendulum(Plant):
 
 @dataclass(frozen=True, eq=False)
 class GeneralJoint(Plant):
-    """One joint with inertia J [kg m^2] and largest gravity torque G [N m].
+    """One joint with inertia J and largest gravity torque G.
 
         J theta_ddot = G sin(theta) + tau
 
     It describes a torque-driven pendulum of any shape, since only these two combinations of (m, l, g) show in the
     motion. G = 0 is a flywheel.
+
+    Parameters
+    ----------
+    J : float, default 0.1
+        Inertia [kg m^2], from 1e-9 to 1e6.
+    G : float, default 1
+        Largest gravity torque [N m], from 0 to 1e6.
+    bounds : mapping of str to (float, float), optional
+        Other bounds than these, by field name.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
     scale: ClassVar[str] = "J"
@@ -147,6 +244,18 @@ class LinearAxis(Plant):
 
     theta, theta_dot and u stand for x [m], x_dot [m/s] and the force F [N] here, and the units of effects change with
     them: N for N m, m for rad.
+
+    Parameters
+    ----------
+    m : float, default 1
+        Mass [kg], from 1e-9 to 1e6.
+    bounds : mapping of str to (float, float), optional
+        Other bounds than these, by field name.
+
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
     turns: ClassVar[bool] = False
