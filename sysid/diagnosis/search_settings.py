@@ -17,42 +17,72 @@ class SearchSettings:
 
     The alikeness of two effects is the cosine between their sensitivities (`alikeness`): 1 if a log shows both alike.
 
-    price          decrease of the deviance (-2 log likelihood) that an effect has to bring for each of its numbers:
-                   noise alone brings more than 3 in 1 of 12 logs
-    tolerance      an effect matters if it lowers the error of predictions by this share; to stay, a rare one has to
-                   lower the held-out error by more (`Confirmation`)
-    noise_share    smallest change of predictions that matters, in units of the sensor noise
-    horizon        how far ahead [s] predictions have to be right, at most as far as is `foreseeable` and as the longest
-                   held-out record; None: as far as they tell of the machine (`telling_horizon`)
-    steps          most additions
-    trials         most single effects that a round fits at first; as many others again if none of these pays
-    share          least expected gain of an effect that is fitted at first, as a share of the largest expected gain
-    nearly         least merit of a trial that is chosen for its better predictions, as a share of the best merit
-    quiet          share of the disturbances beside which the model is simulated if no effect pays otherwise
-    simulated      most candidates that are fitted after that simulation
-    sure           least squared size of an effect, per number and in units of its variance: two standard deviations
-    clear          squared size from which leaving the effect out is not tried: ten standard deviations
-    same           alikeness from which two effects are the same to this log
-    alike          alikeness from which telling two effects apart takes 100 times the evidence of finding one
-    twin           difference of the deviance below which effects that are `alike` are the same to this log, too: where
-                   the fit is far from the truth, their sensitivities differ a little, but what they explain does not
-    close          difference of the deviance below which two effects explain a log equally well, if they are rivals
-    rival          alikeness from which two effects are rivals
-    enough         error of predictions beyond the noise, as a multiple of the noise, from which something that matters
-                   is still missing
-    worse          ratio of the held-out error to that of what was fitted, from which something is missing that shows
-                   only in held-out data; right models stay below 1.15
-    most           least share of the missing torque that a function of one quantity has to explain if what remains
-                   depends on that quantity, too: it could be a part of something unknown. If what remains depends on
-                   others as well, the share is of what this quantity predicts
-    recurrences    how often a ripple or a periodic torque has to come back within a record
-    blocks         number of stretches that are left out in turn in the cross-validation of a candidate
-    samples        most samples of a log that are searched, spread over it: with more, intervals would be narrower, but
-                   a search would take minutes
-    always         effects that are fitted in every round in which a random torque is needed, since it may hide them
-    composites     effects that come together and may not pay alone; what does not pay beside the others is dropped
+    Attributes
+    ----------
+    price : float
+        Decrease of the deviance (-2 log likelihood) that an effect has to bring for each of its numbers: noise alone
+        brings more than 3 in 1 of 12 logs.
+    tolerance : float
+        An effect matters if it lowers the error of predictions by this share; to stay, a rare one has to lower the
+        held-out error by more (`Confirmation`).
+    noise_share : float
+        Smallest change of predictions that matters, in units of the sensor noise.
+    horizon : float or None
+        How far ahead [s] predictions have to be right, at most as far as is `foreseeable` and as the longest held-out
+        record; None: as far as they tell of the machine (`telling_horizon`).
+    steps : int
+        Most additions.
+    trials : int
+        Most single effects that a round fits at first; as many others again if none of these pays.
+    share : float
+        Least expected gain of an effect that is fitted at first, as a share of the largest expected gain.
+    nearly : float
+        Least merit of a trial that is chosen for its better predictions, as a share of the best merit.
+    quiet : float
+        Share of the disturbances beside which the model is simulated if no effect pays otherwise.
+    simulated : int
+        Most candidates that are fitted after that simulation.
+    sure : float
+        Least squared size of an effect, per number and in units of its variance: two standard deviations.
+    clear : float
+        Squared size from which leaving the effect out is not tried: ten standard deviations.
+    same : float
+        Alikeness from which two effects are the same to this log.
+    alike : float
+        Alikeness from which telling two effects apart takes 100 times the evidence of finding one.
+    twin : float
+        Difference of the deviance below which effects that are `alike` are the same to this log, too: where the fit is
+        far from the truth, their sensitivities differ a little, but what they explain does not.
+    close : float
+        Difference of the deviance below which two effects explain a log equally well, if they are rivals.
+    rival : float
+        Alikeness from which two effects are rivals.
+    enough : float
+        Error of predictions beyond the noise, as a multiple of the noise, from which something that matters is still
+        missing.
+    worse : float
+        Ratio of the held-out error to that of what was fitted, from which something is missing that shows only in
+        held-out data; right models stay below 1.15.
+    most : float
+        Least share of the missing torque that a function of one quantity has to explain if what remains depends on that
+        quantity, too: it could be a part of something unknown. If what remains depends on others as well, the share is
+        of what this quantity predicts.
+    recurrences : float
+        How often a ripple or a periodic torque has to come back within a record.
+    blocks : int
+        Number of stretches that are left out in turn in the cross-validation of a candidate.
+    samples : int
+        Most samples of a log that are searched, spread over it: with more, intervals would be narrower, but a search
+        would take minutes.
+    always : tuple of str
+        Effects that are fitted in every round in which a random torque is needed, since it may hide them.
+    composites : tuple of tuples of str
+        Effects that come together and may not pay alone; what does not pay beside the others is dropped.
 
-    Raises InvalidInput for a tolerance or a horizon out of range.
+    Raises
+    ------
+    InvalidInput
+        For a tolerance that is not from 0 to below 1, or a horizon that is not from 0.02 to 600 s.
     """
 
     price: float = 3.0

@@ -14,8 +14,24 @@ from sysid.physics.model import Model
 
 
 class Identifier(Protocol):
-    """Fits parameters of a model to records. Settings (which parameters, the sensor) are its fields."""
+    """An estimator that fits parameters of a model to records.
+
+    Settings (which parameters, the sensor) are its fields.
+    """
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The estimate; it says in its status when it should not be trusted."""
+        """Fit the parameters to the records.
+
+        Parameters
+        ----------
+        model : Model
+            The model whose parameters are fitted.
+        records : sequence of Record
+            At least one rollout.
+
+        Returns
+        -------
+        Estimate
+            The estimate; it says in its status when it should not be trusted.
+        """
         ...

@@ -21,7 +21,7 @@ _BLOCK = 1_500_000
 
 @dataclass(frozen=True)
 class GridSearch:
-    """Search a grid over the parameters' bounds for the cell with the least mean squared one-step speed error.
+    """A grid search over the parameters' bounds for the cell with the least mean squared one-step speed error.
 
         argmin_p mean_k (theta_dot[k+1] - f(theta[k], theta_dot[k], u[k]; p))^2
 
@@ -29,7 +29,20 @@ class GridSearch:
     regressors, so that their noise matters: with a factor of one (m and l of a rod) it scatters the estimate, and it
     biases a parameter that multiplies the speed, such as viscous.b. The covariance is linearised, with the grid's
     rounding added; it ignores that bias. A record of one interval is one step.
-    Source: paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
+
+    Parameters
+    ----------
+    parameters : sequence of str, default ("m", "l")
+        The names of the parameters to fit; each one needs finite bounds.
+    points : int, default 61
+        The number of grid points between the bounds of each parameter, ends included, at least 2.
+    sensor : Sensor, default Sensor(theta_dot=1.0)
+        Noise of the readings: the status says that the model lacks something where the one-step errors tell of a noise
+        of more than 1.5 times the sd of theta_dot.
+
+    References
+    ----------
+    Paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
     """
 
     parameters: Sequence[str] = ("m", "l")
@@ -37,7 +50,27 @@ class GridSearch:
     sensor: Sensor = Sensor(theta_dot=1.0)
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The best cell; raises InvalidInput for infinite bounds, missing channels or over a million cells."""
+        """Find the best cell.
+
+        Parameters
+        ----------
+        model : Model
+            The model whose parameters are fitted; the other parameters keep their numbers.
+        records : sequence of Record
+            At least one rollout, with the angle and the speed of every instant.
+
+        Returns
+        -------
+        Estimate
+            The model with the numbers of the best cell; `success` is False where one of them is at the edge of the
+            grid.
+
+        Raises
+        ------
+        InvalidInput
+            For infinite bounds, missing channels, over a million cells, fewer than two points, unknown names, unusable
+            records, and a model with an effect at the sensors or in the stamps of the torques.
+        """
         free = free_parameters(model, self.parameters)
         check_direct(model, "GridSearch")
         records = check_records(model, records)

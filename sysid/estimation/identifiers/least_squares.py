@@ -54,6 +54,15 @@ class LeastSquares:
     Fits begin at the model's own numbers, then at others, at most `starts` times, until one explains the readings to
     the sensor's noise or two agree. If none converges where it follows the readings, as for a model that cannot follow
     a whole rollout, the answer is the fit beside a random torque, and its status says so.
+
+    Parameters
+    ----------
+    parameters : sequence of str, default ("m", "l")
+        The names of the parameters to fit.
+    sensor : Sensor, default Sensor(theta=0.01, theta_dot=1.0)
+        Noise of the readings, by which the residuals are weighted.
+    starts : int, default 4
+        The number of starts at most, at least 1.
     """
 
     parameters: Sequence[str] = ("m", "l")
@@ -61,7 +70,26 @@ class LeastSquares:
     starts: int = 4
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The estimate; raises InvalidInput for unusable records, names or settings."""
+        """Fit the parameters to the records.
+
+        Parameters
+        ----------
+        model : Model
+            The model at whose numbers the first fit begins; parameters that are not fitted keep their numbers.
+        records : sequence of Record
+            At least one rollout.
+
+        Returns
+        -------
+        Estimate
+            The best of the fits; `success` is False where no optimum of whole rollouts was found.
+
+        Raises
+        ------
+        InvalidInput
+            For unusable records, names or settings, and a model with an effect at the sensors or in the stamps of the
+            torques.
+        """
         free = free_parameters(model, self.parameters)
         if not (isinstance(self.starts, int | np.integer) and self.starts >= 1):
             raise InvalidInput(f"starts = {self.starts!r}: expected a positive count")

@@ -42,7 +42,7 @@ SETTLED = 0.1
 
 @dataclass(frozen=True)
 class UnscentedKalman:
-    """Joint unscented Kalman filter of state and parameters.
+    """A joint unscented Kalman filter of state and parameters.
 
         x = (theta, theta_dot, s),   p = g(s),   s_(k+1) = s_k,   y_k = (theta, theta_dot)_k + sd * noise
 
@@ -58,17 +58,48 @@ class UnscentedKalman:
     three times noisier, so that a poor start cannot lock the filter at wrong numbers. If it does, or if the filter does
     not settle, other starts are tried, until the readings are explained or two starts agree.
 
+    Parameters
+    ----------
+    parameters : sequence of str, default ("m", "l")
+        The names of the parameters to fit.
+    sensor : Sensor, default Sensor(theta=0.01, theta_dot=1.0)
+        Noise of the readings.
+
+    Notes
+    -----
     Drives of input effects are evaluated at the sigma points; their memories are carried over by regression on s.
     A filter judges each reading by the motion as it is known then, not by the smoothed one. Where only speeds are read,
     coarsely, its errors therefore stay above the bound that LeastSquares reaches, and its intervals are too narrow for
-    what no reading shows (a rollout at rest). Source: Wan & van der Merwe (2001), in filterpy's implementation.
+    what no reading shows (a rollout at rest).
+
+    References
+    ----------
+    Wan & van der Merwe (2001), in filterpy's implementation.
     """
 
     parameters: Sequence[str] = ("m", "l")
     sensor: Sensor = Sensor(theta=0.01, theta_dot=1.0)
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The estimate; raises InvalidInput for unusable records or names."""
+        """Fit the parameters to the records.
+
+        Parameters
+        ----------
+        model : Model
+            The model about whose own numbers the prior is; parameters that are not fitted keep their numbers.
+        records : sequence of Record
+            At least one rollout.
+
+        Returns
+        -------
+        Estimate
+            The answer of the best start; `success` is False where the filter did not settle.
+
+        Raises
+        ------
+        InvalidInput
+            For unusable records or names, and a model with an effect at the sensors or in the stamps of the torques.
+        """
         free = free_parameters(model, self.parameters)
         check_direct(model, "UnscentedKalman")
         records = check_records(model, records)
