@@ -29,14 +29,41 @@ EVALUATION_SEED = 50_000
 
 
 class Policy(Protocol):
-    """Command u (E,) [N m] for the states of E episodes at time t [s]. It may exceed the limits; it is clipped."""
+    """A policy: any callable `u = policy(state, t)` that answers states with commands.
+
+        u = policy(state, t)        with an attribute history = k > 0:  u = policy(state, t, past)
+
+    Parameters
+    ----------
+    state : State
+        The state of E episodes at once, as the model's sensors show it: theta (E,) unwrapped [rad], theta_dot (E,)
+        [rad/s], float64.
+    t : float
+        The time since the start [s].
+
+    Returns
+    -------
+    array (E,) or float
+        The command u [N m], of each episode or one for all. It may exceed the limits; it is clipped.
+
+    Notes
+    -----
+    A policy with an attribute `history` = k > 0 is called with the last k commands too: past (E, k) [N m], the latest
+    first, 0 at the start.
+    """
 
     def __call__(self, state: State, t: float) -> Array | float: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Returns (E,) of the episodes of one policy on one model."""
+    """What the episodes of one policy on one model returned.
+
+    Attributes
+    ----------
+    returns : array (E,)
+        The return of each episode.
+    """
 
     returns: Array
 
@@ -57,7 +84,18 @@ class Evaluation:
         return float(np.std(self.returns, ddof=1)) / math.sqrt(episodes) if episodes > 1 else math.nan
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Student's t interval of the mean over start states."""
+        """Student's t interval of the mean over start states.
+
+        Parameters
+        ----------
+        level : float, optional
+            The share of such intervals that hold the mean.
+
+        Returns
+        -------
+        tuple of two floats
+            The lower and the upper end.
+        """
         from scipy.stats import t
 
         half = float(t.ppf(0.5 + 0.5 * level, len(self.returns) - 1)) * self.sem
@@ -68,14 +106,43 @@ class Evaluation:
 
 
 def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
-    """The paper's start states theta (E,) [rad], theta_dot (E,) [rad/s] of a seed: what
-    `gymnasium.make("Pendulum-v1").reset(seed=seed + 50_000 + e)` draws for episode e."""
+    """Draw the paper's start states of a seed.
+
+    Parameters
+    ----------
+    seed : int
+        The seed s.
+    episodes : int, optional
+        The number E of start states.
+
+    Returns
+    -------
+    theta, theta_dot : array (E,)
+        The start states [rad], [rad/s]: episode e has those that
+        `gymnasium.make("Pendulum-v1").reset(seed=seed + 50_000 + e)` draws.
+    """
     return _drawn([np.random.Generator(np.random.PCG64(seed + EVALUATION_SEED + e)) for e in range(episodes)])
 
 
 def fresh_start_states(seed: int, episodes: int = 20, block: int = 0) -> tuple[Array, Array]:
-    """Start states theta (E,) [rad], theta_dot (E,) [rad/s] that no other seed or block shares.
+    """Draw start states that no other seed or block shares.
 
+    Parameters
+    ----------
+    seed : int
+        The seed.
+    episodes : int, optional
+        The number E of start states.
+    block : int, optional
+        Which of the blocks of this seed is drawn.
+
+    Returns
+    -------
+    theta, theta_dot : array (E,)
+        The start states [rad], [rad/s].
+
+    Notes
+    -----
     The paper's episode e of seed s starts where episode e - 1 of seed s + 1 does: neighbouring seeds share 19 of 20.
     These come from a generator of the seed's own, in the same distribution.
     """
@@ -88,12 +155,29 @@ def _drawn(rngs: Sequence[np.random.Generator]) -> tuple[Array, Array]:
 
 
 def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Evaluation:
-    """Run the policy on the model from every start state at once, in float64; the command is clipped to +-u_max.
+    """Run a policy on a model from every start state at once, in float64; the command is clipped to +-u_max.
 
-    horizon   steps in an episode, by default those of 10 s
+    Parameters
+    ----------
+    policy : Policy
+        What answers the states with commands.
+    model : Model
+        What the policy runs on.
+    theta, theta_dot : array (E,)
+        The start states [rad], [rad/s].
+    horizon : int, optional
+        The steps in an episode; by default those of 10 s.
 
-    Raises InvalidInput if the start states are not two finite vectors of one length, or if the policy answers with a
-    wrong shape or a number that is not finite.
+    Returns
+    -------
+    Evaluation
+        What each episode returned.
+
+    Raises
+    ------
+    InvalidInput
+        If the start states are not two finite vectors of one length, or if the policy answers with a wrong shape or a
+        number that is not finite.
     """
     theta, theta_dot = _start(theta, theta_dot)
     returns = np.zeros(theta.shape)

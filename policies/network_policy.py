@@ -13,10 +13,18 @@ from sysid import InvalidInput, State
 
 @dataclass(frozen=True, eq=False)
 class NetworkPolicy:
-    """The deterministic policy of one trained agent: u = u_max tanh(loc(observation)), in float32 NumPy.
+    """The deterministic policy of one trained agent, in float32 NumPy; a policy for `evaluate`.
 
-    layers: (W (in, out), b (out,)) of the actor, ReLU between them; history: how many past commands it observes.
-    A callable for `policies.evaluation.evaluate`, which hands it its past commands.
+        u = u_max tanh(loc(observation))
+
+    Parameters
+    ----------
+    layers : tuple of pairs of arrays (in, out) and (out,)
+        Weights W and biases b of the actor's layers, float32; a ReLU stands between them.
+    u_max : float
+        The largest command [N m].
+    history : int, optional
+        How many past commands it observes; `evaluate` hands them to it.
     """
 
     layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
@@ -24,9 +32,26 @@ class NetworkPolicy:
     history: int = 0
 
     def __call__(self, state: State, t: float, past: NDArray[np.float64] | None = None) -> NDArray[np.float32]:
-        """u (E,) [N m] for what is seen of E episodes, and their last commands past (E, history) [N m].
+        """The commands of E episodes.
 
-        Raises InvalidInput where past commands are missing.
+        Parameters
+        ----------
+        state : State
+            What is seen of the episodes: theta (E,) [rad], theta_dot (E,) [rad/s].
+        t : float
+            The time since the start [s], which makes no difference.
+        past : array (E, history), optional
+            The last commands [N m], the latest first.
+
+        Returns
+        -------
+        array (E,)
+            The commands u [N m], float32.
+
+        Raises
+        ------
+        InvalidInput
+            Where as many past commands as the policy observes are not given.
         """
         known = 0 if past is None else past.shape[-1]
         if known != self.history:
@@ -35,7 +60,18 @@ class NetworkPolicy:
         return self.command(np.stack(task.observation(state, fractions), -1).astype(np.float32))
 
     def command(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """u (...) [N m] for observations (..., 3 + history)."""
+        """The commands for observations.
+
+        Parameters
+        ----------
+        observation : array (..., 3 + history)
+            The observations, float32.
+
+        Returns
+        -------
+        array (...)
+            The commands u [N m], float32.
+        """
         x = observation
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:

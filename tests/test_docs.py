@@ -1,11 +1,13 @@
 """The documentation is true: its blocks run and print what the pages show (that it builds, `make docs` tests)."""
 
+import inspect
 import re
 
 import pytest
 
 import policies
 import sysid
+from sysid.physics.effects.catalogue import ACTUATORS
 from tests.pages import PAGES, ROOT, agrees, blocks, wrong
 
 DOCS = ROOT / "docs"
@@ -96,6 +98,23 @@ def test_every_public_name_is_in_the_reference_once():
     for package, others in ((sysid, ["ops"]), (policies, [])):
         found = re.findall(rf"^\.\. (?:autoclass|autofunction|data):: {package.__name__}\.(\w+)$", text, re.M)
         assert sorted([*found, *others]) == sorted(package.__all__)
+
+
+def explained(package):
+    """The classes and functions of a package, but for effects, whose parameters are declared by their classes."""
+    effects = {*sysid.CATALOGUE.values(), *ACTUATORS.values()}
+    found = {f"{package.__name__}.{name}": getattr(package, name) for name in package.__all__}
+    return {n: o for n, o in found.items() if (inspect.isclass(o) or inspect.isfunction(o)) and o not in effects}
+
+
+EXPLAINED = explained(policies) | explained(sysid)
+
+
+@pytest.mark.parametrize("name", EXPLAINED)
+def test_every_public_name_has_a_section_of_numpydoc(name):
+    rule = r"^(Parameters|Attributes|Returns|Raises|Notes|Methods)\n-{3,}$"
+    text = inspect.cleandoc(EXPLAINED[name].__doc__ or "")
+    assert re.search(rule, text, re.M), f"{name} has no section: expected one, such as Parameters"
 
 
 @pytest.mark.parametrize("path", [*PAGES, *sorted(DOCS.rglob("*.md"))], ids=named)

@@ -113,14 +113,31 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Optimal:
-    """The cost to come V_k on the grid, and the policy that is greedy with it; a policy for `evaluate`.
+    """The cost to come V_k on a grid, and the policy that is greedy with it; a policy for `evaluate`.
 
         V_N = 0,   V_k(x) = min_u [cost(x, u) + V_{k+1}(f(x, u, t_k))],   u_k(x) = argmin of the same
 
-    f is the step of `model`, the one designed on; x = (theta, theta_dot, *memory), what its input path remembers
-    included. values (N + 1, T, D, *M) float32 hold V_k at the nodes, multilinear between them. The policy applies f to
-    the state as it is, so it acts well on a coarse grid too.
-    With `draws` f is one of theirs, drawn anew at every step, and what is minimised is the mean.
+    f is the step of `model`; x = (theta, theta_dot, memory), what its input path remembers included.
+
+    Attributes
+    ----------
+    model : Model
+        The model that the policy was designed on.
+    grid : Grid
+        The nodes of the table.
+    values : array (N + 1, T, D, ...)
+        V_k at the nodes, float32, multilinear between them; an axis for each number that the input path remembers
+        follows those of theta and theta_dot.
+    draws : tuple of Model
+        With them f is the step of one of these, drawn anew at every step, and what is minimised is the mean.
+
+    Notes
+    -----
+    The policy applies f to the state as it is, so it acts well on a coarse grid too.
+
+    References
+    ----------
+    Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, ch. 5.
     """
 
     model: Model
@@ -139,9 +156,21 @@ class Optimal:
         return _axes(self.model, self.grid)
 
     def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0, memory: Sequence[Value] = ()) -> Array:
-        """V_k at theta [rad], theta_dot [rad/s], of their shape; -V_0 is the return that it promises.
+        """The cost to come V_k of states; -V_0 is the return that it promises.
 
-        memory   the numbers that the input path remembers; by default those of rest
+        Parameters
+        ----------
+        theta, theta_dot : array
+            The states [rad], [rad/s].
+        k : int, optional
+            The step.
+        memory : sequence of arrays or floats, optional
+            The numbers that the input path remembers; by default those of rest.
+
+        Returns
+        -------
+        array
+            V_k, in the shape of the states.
         """
         remembered = tuple(memory) or (0.0,) * (len(self.axes) - 2)
         nodes, weights = corners(self.axes, (theta, theta_dot, *remembered))

@@ -23,12 +23,24 @@ NEWTON = 5
 
 @dataclass(frozen=True, eq=False)
 class LQR:
-    """u = clip(u_0 - K x, -u_max, u_max), x = (wrap(theta), theta_dot); a policy for `evaluate`.
+    """Linear feedback about the upright, saturated at the torque limit; a policy for `evaluate`.
 
-    A (2, 2), B (2, 1): x' = A x + B (u - u_0), the model's step linearised at the upright.
-    Q (2, 2), R (1, 1), N (2, 1): cost = x'Q x + u'R u + 2 x'N u, the task's cost there.
-    K (1, 2): gain [N m/rad, N m s/rad]. S (2, 2): x'S x is the cost to come without saturation.
-    u_0 [N m] holds the upright: 0 unless the model has a torque bias.
+        u = clip(u_0 - K x, -u_max, u_max),   x = (wrap(theta), theta_dot)
+
+    Attributes
+    ----------
+    A, B : array (2, 2), array (2, 1)
+        The model's step linearised at the upright: x' = A x + B (u - u_0).
+    Q, R, N : array (2, 2), array (1, 1), array (2, 1)
+        The task's cost there: x'Q x + u'R u + 2 x'N u.
+    K : array (1, 2)
+        The gain [N m/rad, N m s/rad].
+    S : array (2, 2)
+        The cost to come without saturation is x'S x.
+    u_0 : float
+        The torque [N m] that holds the upright: 0 unless the model has a torque bias.
+    u_max : float
+        The torque limit [N m].
     """
 
     A: Array
@@ -47,7 +59,18 @@ class LQR:
         return np.linalg.eigvals(self.A - self.B @ self.K).astype(np.complex128)
 
     def cost_to_go(self, theta: Array | float, theta_dot: Array | float) -> Array:
-        """x'S x, in the shape of theta [rad] and theta_dot [rad/s] broadcast together."""
+        """The cost to come without saturation, x'S x.
+
+        Parameters
+        ----------
+        theta, theta_dot : array or float
+            The state [rad], [rad/s].
+
+        Returns
+        -------
+        array
+            The cost, in the shape of theta and theta_dot broadcast together.
+        """
         x = np.stack(np.broadcast_arrays(ops.wrap(theta), theta_dot), axis=-1)
         return np.einsum("...i,ij,...j->...", x, self.S, x)
 
@@ -63,11 +86,29 @@ class LQR:
 
 
 def design_lqr(model: Model) -> LQR:
-    """Minimise the sum of the task's costs over an infinite horizon, to second order at the upright.
+    """Design the LQR of a model about the upright.
 
-    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (commands that are
-    remembered, ...), for a model that no torque within +-u_max holds upright and for one that a small torque does
-    not move.
+    Parameters
+    ----------
+    model : Model
+        The model that the LQR is designed on.
+
+    Returns
+    -------
+    LQR
+        The feedback, a policy for `evaluate`.
+
+    Raises
+    ------
+    InvalidInput
+        For a model whose input effects remember past commands, with a parameter that is not one number, or with an
+        effect that depends on time; for one that no torque within +-u_max holds upright; and for one that a small
+        torque does not move.
+
+    Notes
+    -----
+    The LQR minimises the sum of the task's costs over an infinite horizon, to second order at the upright. The Riccati
+    equation is solved by python-control.
     """
     import control  # loads matplotlib; late, so that importing this module stays cheap
 

@@ -30,13 +30,31 @@ BAND = 0.2
 
 @dataclass(frozen=True, eq=False)
 class SwingUp:
-    """A policy for `evaluate`: the LQR where it catches, else pumping.
+    """Swing-up by energy: the LQR acts where it catches the pendulum, else energy is pumped; a policy for `evaluate`.
 
         E(theta, theta_dot) = J theta_dot^2 / 2 - G (1 - cos theta),   E = 0 upright at rest, -2 G hanging
         u = u_max clip(-E / (u_max BAND), -1, 1) sign(theta_dot),      dE/dt = u theta_dot
 
-    J [kg m^2] is the inertia with all effects, G [N m] the largest gravity torque. Where the LQR catches is
-    not guessed: the design model is run ahead from every state under the saturated LQR.
+    Attributes
+    ----------
+    lqr : LQR
+        The feedback about the upright.
+    step : callable
+        The step of the design model: (theta, theta_dot) after dt from theta [rad], theta_dot [rad/s] and u [N m].
+    dt : float
+        The control interval [s].
+    J : float
+        The inertia with all effects [kg m^2].
+    G : float
+        The largest gravity torque [N m].
+
+    Notes
+    -----
+    Where the LQR catches is not guessed: the design model is run ahead from every state under the saturated LQR.
+
+    References
+    ----------
+    Astrom & Furuta, "Swinging up a pendulum by energy control", Automatica 36 (2000).
     """
 
     lqr: LQR
@@ -46,17 +64,50 @@ class SwingUp:
     G: float
 
     def energy(self, theta: Array | float, theta_dot: Array | float) -> Array | float:
-        """E [J] at theta [rad], theta_dot [rad/s], above the upright at rest."""
+        """The energy E above the upright at rest.
+
+        Parameters
+        ----------
+        theta, theta_dot : array or float
+            The state [rad], [rad/s].
+
+        Returns
+        -------
+        array or float
+            E [J].
+        """
         return 0.5 * self.J * theta_dot**2 - self.G * (1.0 - ops.cos(theta))
 
     def pump(self, state: State) -> Array:
-        """u [N m] that brings the energy to that of the upright."""
+        """The torque that brings the energy to that of the upright.
+
+        Parameters
+        ----------
+        state : State
+            The state, theta (E,) [rad] and theta_dot (E,) [rad/s].
+
+        Returns
+        -------
+        array (E,)
+            The command u [N m].
+        """
         missing = -self.energy(state.theta, state.theta_dot)
         direction = np.where(np.asarray(state.theta_dot) < 0.0, -1.0, 1.0)  # never 0: it would hang at rest
         return np.clip(missing / BAND, -self.lqr.u_max, self.lqr.u_max) * direction
 
     def catches(self, state: State) -> NDArray[np.bool_]:
-        """Whether the LQR brings each state to the upright within LOOK_AHEAD, on the design model."""
+        """Whether the LQR brings each state to the upright within LOOK_AHEAD, on the design model.
+
+        Parameters
+        ----------
+        state : State
+            The state, theta (E,) [rad] and theta_dot (E,) [rad/s].
+
+        Returns
+        -------
+        array (E,) of bool
+            True where the LQR catches.
+        """
         theta, theta_dot = state.theta, state.theta_dot
         for _ in range(math.ceil(LOOK_AHEAD * math.sqrt(self.J / self.G) / self.dt)):
             theta, theta_dot = self.step(theta, theta_dot, self.lqr(State(theta, theta_dot)))
@@ -67,9 +118,22 @@ class SwingUp:
 
 
 def design_swing_up(model: Model) -> SwingUp:
-    """The swing-up for a model whose gravity torque is G sin(theta).
+    """Design the swing-up for a model whose gravity torque is G sin(theta).
 
-    Raises InvalidInput as `design_lqr` does, and for another gravity torque or no torque limit.
+    Parameters
+    ----------
+    model : Model
+        The model that the swing-up is designed on.
+
+    Returns
+    -------
+    SwingUp
+        The controller, a policy for `evaluate`.
+
+    Raises
+    ------
+    InvalidInput
+        As `design_lqr` does, and for another gravity torque or no torque limit.
     """
     lqr, step = design_lqr(model), step_of(model)
     if not math.isfinite(model.u_max):

@@ -43,20 +43,46 @@ FLAGS = ("done", "truncated", "terminated")
 
 
 class BatchedPendulums(EnvBase):
-    """A pendulums, batch size (A,): observations (A, O) float32, actions (A, 1) in [-1, 1], which are u / u_max.
+    """A pendulum for each of A agents, all moved at once, as a TorchRL environment of batch size (A,).
 
-    Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
-    state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
-    is written to in place, so that a step can be replayed as a graph. Where an agent has a random force, `model` has a
-    random torque beyond base_model, zero for agents that are not; past the horizon the last one stays.
+        observation = [cos theta, sin theta, theta_dot, past]   (A, 3 + history)        action = u / u_max   (A, 1)
 
-    environments: pendulums of each agent, E; the batch size is (A, E) then. Pendulum e of an agent has its episodes
-    e, e + E, ...
-    differentiable: what changes is replaced in place of written to, so that gradients flow back through steps, from
-    rewards and observations to actions, until `detach_state` cuts them, and writes what it is now to where it was
-    before: steps between two calls of it can be replayed as a graph.
+    Observations are float32 and actions lie in [-1, 1]. Observed is what the model's sensors show, and the last
+    `history` actions. The reward is of the state.
 
-    Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
+    Parameters
+    ----------
+    model : Model
+        The pendulum whose parameters the randomizations draw.
+    randomizations : sequence of Randomization (A,)
+        What each agent's episodes draw, all of them the same parameters.
+    seeds : sequence of int (A,)
+        The seed of each agent.
+    horizon : int, optional
+        The steps after which an episode ends, by truncation; by default those of 10 s. Nothing terminates an episode.
+    device : str, optional
+        Where the tensors lie.
+    history : int, optional
+        How many past actions are observed.
+    environments : int, optional
+        The pendulums E of each agent; the batch size is (A, E) then. Pendulum e of an agent has its episodes e, e + E,
+        ...
+    differentiable : bool, optional
+        What changes is replaced in place of written to, so that gradients flow back through steps, from rewards and
+        observations to actions, until `detach_state` cuts them and writes what it is now to where it was before: steps
+        between two calls of it can be replayed as a graph.
+
+    Raises
+    ------
+    InvalidInput
+        If there are not as many seeds as randomizations, if the model has no u_max, if the history is longer than an
+        episode, or if the randomizations draw different parameters.
+
+    Notes
+    -----
+    What changes is written to in place, unless it is differentiable, so that a step can be replayed as a graph. Where
+    an agent has a random force, `model` has a random torque beyond base_model, zero for agents that have none; past the
+    horizon the last one stays.
     """
 
     def __init__(
@@ -232,7 +258,13 @@ class BatchedPendulums(EnvBase):
         return [*seen, *(value for own in sensing for value in own)] if self.model.output_effects else []
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Everything that the next step depends on, as tensors, lists and numbers: what `state_dict` holds."""
+        """Everything that the next step depends on: what `state_dict` holds.
+
+        Returns
+        -------
+        dict
+            Tensors, lists and numbers.
+        """
         return {
             "state": [leaf.clone() for leaf in self._kept],
             "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
@@ -242,7 +274,13 @@ class BatchedPendulums(EnvBase):
         }
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Go on from it, in place: what `load_state_dict` does."""
+        """Go on from a state, in place: what `load_state_dict` does.
+
+        Parameters
+        ----------
+        state : dict
+            What `get_extra_state` returned.
+        """
         self._write(state["state"])
         for name, values in self.parameters_now.items():
             values.copy_(state["parameters"][name])

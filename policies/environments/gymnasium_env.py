@@ -53,12 +53,32 @@ def make_pendulum(
 
 
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Observation [cos theta, sin theta, theta_dot, *past] (3 + history,), action u (1,) [N m], clipped to +-u_max.
+    """One pendulum as a gymnasium.Env, with the swing-up task.
 
-    Observed is what the model's sensors show, and the last `history` commands / u_max. `randomization` draws new
-    parameters at every reset, after the start state; `info` holds them. The horizon is the TimeLimit of
-    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max, a history
-    longer than an episode, and random torques.
+        observation = [cos theta, sin theta, theta_dot, past]   (3 + history,)        action = u   (1,) [N m]
+
+    The action is clipped to +-u_max. Observed is what the model's sensors show, and the last `history` commands divided
+    by u_max.
+
+    Parameters
+    ----------
+    model : Model, optional
+        The pendulum; by default the machine of Gymnasium's Pendulum-v1.
+    randomization : Randomization, optional
+        It draws new parameters at every reset, after the start state; `info` holds them.
+    history : int, optional
+        How many past commands are observed.
+    render_mode : str, optional
+        "rgb_array" for images; by default nothing is rendered.
+
+    Raises
+    ------
+    InvalidInput
+        For a model without u_max, a history longer than an episode, and random torques.
+
+    Notes
+    -----
+    The horizon is the TimeLimit of `gymnasium.make`: a truncation, never a terminal state.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -89,7 +109,22 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; options {"theta": ..., "theta_dot": ...} fix the start state instead of drawing it."""
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            The seed of the random numbers from here on.
+        options : dict, optional
+            {"theta": ..., "theta_dot": ...} fix the start state [rad], [rad/s] instead of drawing it.
+
+        Returns
+        -------
+        observation : array (3 + history,)
+            The first observation, float32.
+        info : dict
+            "parameters" holds those that were drawn.
+        """
         super().reset(seed=seed)
         theta, theta_dot = task.start_state(self.np_random)
         fixed = options or {}
@@ -99,7 +134,24 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observation(), {"parameters": drawn}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold u = clip(action) for dt; the reward is of the state before the step."""
+        """Hold u = clip(action) for dt; the reward is of the state before the step.
+
+        Parameters
+        ----------
+        action : array (1,)
+            The command [N m].
+
+        Returns
+        -------
+        observation : array (3 + history,)
+            What is observed after the step, float32.
+        reward : float
+            What the step adds to the return.
+        terminated, truncated : bool
+            False: the environment itself ends no episode.
+        info : dict
+            Nothing.
+        """
         u = float(np.clip(np.asarray(action, dtype=np.float32), -self.model.u_max, self.model.u_max)[0])
         reward = float(task.reward(self._state, u, self.model.dt))
         self._state = self._drawn.advance(self._state, u, self._steps * self.model.dt)
@@ -109,7 +161,13 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observation(), reward, False, False, {}
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """The rod as it stands, upright at the top: an image (SIZE, SIZE, 3)."""
+        """The rod as it stands, upright at the top.
+
+        Returns
+        -------
+        array (SIZE, SIZE, 3) or None
+            The image; None where render_mode is not "rgb_array".
+        """
         if self.render_mode != "rgb_array":
             return None
         y, x = (0.5 - np.mgrid[:SIZE, :SIZE] / SIZE) * 2.4

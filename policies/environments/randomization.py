@@ -17,17 +17,46 @@ from sysid.physics.ops import Array
 
 
 class Randomization(ABC):
-    """Draws the parameters of an episode; a frozen dataclass of plain numbers, so that it can be stored as JSON."""
+    """What draws the parameters of an episode; a frozen dataclass of plain numbers, so that it can be stored as JSON.
+
+    Methods
+    -------
+    sample(rng, model)
+        The parameters of one episode.
+    to_json()
+        Plain data.
+    """
 
     @abstractmethod
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """The parameters of one episode, within the bounds that the model's parameters carry.
+        """Draw the parameters of one episode, within the bounds that the model's parameters carry.
 
-        Raises InvalidInput for a name that the model does not have.
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Where the random numbers come from.
+        model : Model
+            The model whose parameters are drawn.
+
+        Returns
+        -------
+        dict of str to float
+            The parameters by name.
+
+        Raises
+        ------
+        InvalidInput
+            For a name that the model does not have.
         """
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data: the kind and its numbers."""
+        """The randomization as plain data.
+
+        Returns
+        -------
+        dict
+            The kind and its numbers.
+        """
         return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
 
 
@@ -43,7 +72,13 @@ def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]
 
 @dataclass(frozen=True)
 class Fixed(Randomization):
-    """Nothing is drawn: every episode is the model at its own values."""
+    """Nothing is drawn: every episode is the model at its own values.
+
+    Methods
+    -------
+    sample(rng, model)
+        It draws no parameters.
+    """
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         return {}
@@ -51,10 +86,25 @@ class Fixed(Randomization):
 
 @dataclass(frozen=True)
 class Band(Randomization):
-    """Each parameter independently from U(c (1 - w), c (1 + w)) around its centre c, clipped to its bounds afterwards.
+    """Each parameter is drawn independently from a band around its centre, and clipped to its bounds afterwards.
 
-    w = 0 trains at the centre alone. Clipping the sample, not the interval, piles probability up at the bound: the
-    paper does so. (Paper, Sec. II-B.)
+        p ~ U(c (1 - w), c (1 + w))
+
+    Parameters
+    ----------
+    center : mapping of str to float
+        The centre c of each parameter, by name, in the parameter's unit.
+    w : float, optional
+        The relative half-width, in [0, 1); w = 0 trains at the centre alone.
+
+    Raises
+    ------
+    InvalidInput
+        For no centre at all, a centre that is not finite, and a w outside [0, 1).
+
+    Notes
+    -----
+    Clipping the sample, not the interval, piles probability up at the bound: the paper does so (Sec. II-B).
     """
 
     center: Mapping[str, float]
@@ -81,7 +131,17 @@ class Band(Randomization):
 
 @dataclass(frozen=True)
 class PriorRange(Randomization):
-    """Each parameter independently and uniformly from the whole of its bounds. (Paper, Sec. III: prior range.)"""
+    """Each parameter is drawn independently and uniformly from the whole of its bounds.
+
+    Parameters
+    ----------
+    names : tuple of str, optional
+        The names of the parameters that are drawn.
+
+    Notes
+    -----
+    This is the prior range of the paper (Sec. III).
+    """
 
     names: tuple[str, ...] = ("m", "l")
 
@@ -89,7 +149,25 @@ class PriorRange(Randomization):
         object.__setattr__(self, "names", tuple(self.names))
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """The parameters of one episode; raises InvalidInput for one without finite bounds."""
+        """Draw the parameters of one episode.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Where the random numbers come from.
+        model : Model
+            The model whose parameters are drawn.
+
+        Returns
+        -------
+        dict of str to float
+            The parameters by name.
+
+        Raises
+        ------
+        InvalidInput
+            For a name that the model does not have, and for a parameter without finite bounds.
+        """
         model.check_names(self.names)
         parameters = model.parameters
         for name in self.names:
@@ -100,7 +178,18 @@ class PriorRange(Randomization):
 
 @dataclass(frozen=True)
 class Ranges(Randomization):
-    """Each parameter independently and uniformly from a range (low, high) of its own, within its bounds."""
+    """Each parameter is drawn independently and uniformly from a range of its own, within its bounds.
+
+    Parameters
+    ----------
+    ranges : mapping of str to pair of floats
+        The range (low, high) of each parameter, by name, in the parameter's unit.
+
+    Raises
+    ------
+    InvalidInput
+        For a range that is not finite, or whose low is above its high.
+    """
 
     ranges: Mapping[str, tuple[float, float]]
 
@@ -117,12 +206,23 @@ class Ranges(Randomization):
 
 @dataclass(frozen=True)
 class Posterior(Randomization):
-    """All parameters together from the normal distribution that a fit found, clipped to their bounds afterwards.
+    """All parameters are drawn together from the normal distribution that a fit found, and clipped to their bounds.
 
         p = p_hat + D R^(1/2) z,   z ~ N(0, 1)        C = D R D: D the standard deviations, R the correlations
 
-    names (P,), values (P,) fitted, covariance (P, P). Raises InvalidInput for a covariance that is not one, or that is
-    infinite: the records then leave a parameter open.
+    Parameters
+    ----------
+    names : tuple of str (P,)
+        The names of the parameters.
+    values : tuple of float (P,)
+        The fitted values p_hat, in the parameters' units.
+    covariance : tuple of tuples of float (P, P)
+        The covariance C of the fitted values.
+
+    Raises
+    ------
+    InvalidInput
+        For a covariance that is not one, or that is infinite: the records then leave a parameter open.
     """
 
     names: tuple[str, ...]
@@ -148,7 +248,25 @@ class Posterior(Randomization):
 
     @classmethod
     def of(cls, estimate: Estimate, names: Sequence[str]) -> Posterior:
-        """That of an estimate, of so many of its parameters. Raises InvalidInput as the class does."""
+        """The posterior of an estimate, for some of its parameters.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            What a fit found.
+        names : sequence of str (P,)
+            The names of the parameters that are drawn.
+
+        Returns
+        -------
+        Posterior
+            Their normal distribution.
+
+        Raises
+        ------
+        InvalidInput
+            As the class does.
+        """
         at = [estimate.names.index(name) for name in names]
         rows = estimate.covariance[np.ix_(at, at)]
         return cls(tuple(names), tuple(estimate.values[name] for name in names), tuple(map(tuple, rows.tolist())))
@@ -170,10 +288,19 @@ class Posterior(Randomization):
 
 @dataclass(frozen=True)
 class Mixture(Randomization):
-    """One of the alternatives, each as likely as another: for a log that cannot tell which effect is missing.
+    """One of the alternatives is drawn, each as likely as another: for a log that cannot tell which effect is missing.
 
-    Each alternative is a full set of the same parameters; an effect that it does not mean stands at its neutral value:
-    ({"coulomb.tau_c": 1.5, "delay.T": 0.0}, {"coulomb.tau_c": 0.0, "delay.T": 0.13}). Clipped to the bounds.
+    Parameters
+    ----------
+    alternatives : tuple of mappings of str to float
+        Each alternative is a full set of the same parameters; an effect that it does not mean stands at its neutral
+        value, as in ({"coulomb.tau_c": 1.5, "delay.T": 0.0}, {"coulomb.tau_c": 0.0, "delay.T": 0.13}). What is drawn is
+        clipped to the bounds.
+
+    Raises
+    ------
+    InvalidInput
+        For no alternatives, for alternatives with different parameters, and for a number that is not finite.
     """
 
     alternatives: tuple[Mapping[str, float], ...]
@@ -198,11 +325,29 @@ class Mixture(Randomization):
 
 @dataclass(frozen=True)
 class SingleEffect(Randomization):
-    """Each of `always` from its range, and of `kinds` none or one, each as likely, from its own; the rest is `neutral`.
+    """Some parameters are always drawn, and one effect or none of several.
 
-    For who does not know which effect is missing: a machine rarely lacks sixteen at once.
-    SingleEffect({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)}, {"delay.T": (0.0, 0.3)}), {"coulomb.tau_c": 0.0,
-    "delay.T": 0.0}). Clipped to the bounds. Raises InvalidInput where a kind names what `neutral` has not.
+        SingleEffect({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)}, {"delay.T": (0.0, 0.3)}),
+                     {"coulomb.tau_c": 0.0, "delay.T": 0.0})
+
+    Parameters
+    ----------
+    always : mapping of str to pair of floats
+        The range (low, high) of each parameter that is drawn in every episode.
+    kinds : tuple of mappings of str to pair of floats
+        None or one of these is drawn, each as likely, from its own ranges.
+    neutral : mapping of str to float
+        The neutral value of every parameter of a kind; what is not drawn stands there.
+
+    Raises
+    ------
+    InvalidInput
+        Where a kind names what `neutral` has not, and for a range that is none.
+
+    Notes
+    -----
+    It is for who does not know which effect is missing: a machine rarely lacks sixteen at once. What is drawn
+    is clipped to the bounds.
     """
 
     always: Mapping[str, tuple[float, float]]
@@ -225,13 +370,33 @@ class SingleEffect(Randomization):
 
 @dataclass(frozen=True)
 class RandomForce(Randomization):
-    """Draws what `inner` draws, and puts a random torque d on the joint all through the episode.
+    """What `inner` draws is drawn, and a random torque d acts on the joint all through the episode.
 
         d_0 ~ N(0, s^2)   d_(k+1) = a d_k + s sqrt(1 - a^2) z_k   a = exp(-dt / T)   z ~ N(0, 1)
 
-    held over each interval dt: Ornstein-Uhlenbeck, of sd s [N m] and memory T [s]; T = 0: each step anew. Random force
-    injection (E. Valassakis, Z. Ding, E. Johns: Crossing the Gap, IROS 2020), with the memory that a residual torque
-    shows. Raises InvalidInput for s or T below zero or not finite, and for an inner one that has a random force itself.
+    The torque is held over each interval dt; it is an Ornstein-Uhlenbeck process.
+
+    Parameters
+    ----------
+    inner : Randomization
+        What draws the parameters.
+    s : float
+        The standard deviation of the torque [N m].
+    T : float
+        The memory of the torque [s]; T = 0 draws it anew at each step.
+
+    Raises
+    ------
+    InvalidInput
+        For s or T below zero or not finite, and for an inner one that has a random force itself.
+
+    Notes
+    -----
+    This is random force injection, with the memory that a residual torque shows.
+
+    References
+    ----------
+    Crossing the Gap, by E. Valassakis, Z. Ding and E. Johns, IROS 2020.
     """
 
     inner: Randomization
@@ -251,14 +416,35 @@ class RandomForce(Randomization):
         return self.inner.sample(rng, model)
 
     def torques(self, rng: np.random.Generator, steps: int, dt: float) -> Array:
-        """d (steps,) [N m] of one episode at intervals of dt [s]."""
+        """Draw the random torque of one episode.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Where the random numbers come from.
+        steps : int
+            The number of intervals.
+        dt : float
+            Their length [s].
+
+        Returns
+        -------
+        array (steps,)
+            The torque d [N m] of each interval.
+        """
         a = math.exp(-dt / self.T) if self.T > 0.0 else 0.0
         first, *z = rng.standard_normal(steps).tolist()
         new = math.sqrt(1.0 - a * a)
         return self.s * np.array(list(accumulate(z, lambda d, z_k: a * d + new * z_k, initial=first)))
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data: the kind, the inner one's own and the numbers."""
+        """The randomization as plain data.
+
+        Returns
+        -------
+        dict
+            The kind, the inner one's own and the numbers.
+        """
         return super().to_json() | {"inner": self.inner.to_json()}
 
 

@@ -53,7 +53,17 @@ LARGEST_WEIGHTS = 1 << 30
 
 @dataclass(frozen=True, eq=False)
 class SavedPolicy:
-    """What a policy's folder holds: the policy, the machine it was trained on, and how it came about."""
+    """What a policy's folder holds.
+
+    Attributes
+    ----------
+    policy : NetworkPolicy
+        The policy.
+    model : Model
+        The machine that it was trained on.
+    about : dict
+        How it came about.
+    """
 
     policy: NetworkPolicy
     model: Model
@@ -63,7 +73,21 @@ class SavedPolicy:
 def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str], about: Mapping[str, Any]) -> None:
     """Write a policy that was trained on the model into a folder, in place of one that is there.
 
-    Raises InvalidInput where it cannot be written, and for a plant or an integrator that is not ours.
+    Parameters
+    ----------
+    policy : NetworkPolicy
+        The policy.
+    model : Model
+        The model that it was trained on.
+    folder : str or path
+        The folder, which is made where it is not there.
+    about : mapping
+        How the policy came about, as plain data; the versions of the packages are added to it.
+
+    Raises
+    ------
+    InvalidInput
+        Where the folder cannot be written, and for a plant or an integrator that is not ours.
     """
     from safetensors.numpy import save
 
@@ -91,8 +115,21 @@ def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str]
 def load_policy(folder: str | PathLike[str]) -> SavedPolicy:
     """Read a policy's folder; a user's own effects must have been loaded (`sysid.load_effects`) before.
 
-    Raises InvalidInput, in one sentence, for anything that is not a policy of this version, and for one whose
-    observation this version does not make.
+    Parameters
+    ----------
+    folder : str or path
+        The folder that a training or `save_policy` wrote.
+
+    Returns
+    -------
+    SavedPolicy
+        The policy, the machine that it was trained on, and how it came about.
+
+    Raises
+    ------
+    InvalidInput
+        In one sentence, for anything that is not a policy of this version, and for one whose observation this version
+        does not make.
     """
     folder = Path(folder)
     file = folder / DESCRIPTION

@@ -19,7 +19,18 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 
 def tune_cpu(threads: int = 1) -> None:
-    """Set the threads of torch [one a process; run one process a core], its products, and malloc."""
+    """Set the threads of torch, its products, and malloc, so that small networks train faster on a CPU.
+
+    Parameters
+    ----------
+    threads : int, optional
+        The threads of torch: one a process; run one process a core.
+
+    Notes
+    -----
+    Call it once, at the start of a training process, since it changes the whole process. The numbers keep float32
+    accuracy.
+    """
     torch.set_num_threads(threads)
     _use_onednn_matmul()
     _keep_memory()

@@ -70,16 +70,45 @@ class TrainingSettings(ABC):
 
 
 class Population(ABC):
-    """Agents trained together; `train` advances all, `save` and `resume` interrupt and go on.
+    """Agents trained together, each with pendulums, a randomization, networks and a seed of its own.
 
-    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
-    past commands the agents observe. Afterwards
+    Parameters
+    ----------
+    model : Model
+        The pendulum whose parameters the randomizations draw.
+    randomizations : sequence of Randomization (A,)
+        What each agent's episodes draw.
+    seeds : sequence of int (A,)
+        The seed of each agent.
+    settings : SACSettings or SHACSettings, optional
+        Those of the algorithm; by default as they come.
+    device : str, optional
+        Where the tensors lie.
+    history : int, optional
+        How many past commands the agents observe.
 
-    settings    of the algorithm, by default as they come
-    env         the pendulums
-    loss        a TorchRL LossModule
-    steps_done  environment steps of each agent
-    seconds     that these took, as far as whoever trains has added them up
+    Attributes
+    ----------
+    settings : SACSettings or SHACSettings
+        The settings of the algorithm.
+    env : BatchedPendulums
+        The pendulums.
+    loss : LossModule
+        The losses, a module of TorchRL.
+    steps_done : int
+        The environment steps of each agent.
+    seconds : float
+        The time [s] that these took, as far as whoever trains has added it up.
+
+    Raises
+    ------
+    InvalidInput
+        For a training that takes too much memory, and as `BatchedPendulums` does.
+
+    Notes
+    -----
+    `train` advances all agents, `save` and `resume` interrupt and go on. What an agent becomes depends on its own seed
+    and randomization, not on its neighbours.
     """
 
     parts: ClassVar[tuple[str, ...]]
@@ -124,7 +153,13 @@ class Population(ABC):
 
     @abstractmethod
     def train(self, steps: int) -> None:
-        """Advance every agent by `steps` environment steps, or a few more, but not beyond settings.steps."""
+        """Advance every agent by `steps` environment steps, or a few more, but not beyond settings.steps.
+
+        Parameters
+        ----------
+        steps : int
+            The environment steps of each agent.
+        """
 
     @property
     def curves(self) -> list[list[tuple[int, float]]]:
@@ -133,7 +168,13 @@ class Population(ABC):
         return [[(step, returns[a]) for step, returns in table] for a in range(self.agents)]
 
     def policies(self) -> list[NetworkPolicy]:
-        """The deterministic policy of every agent as it stands now."""
+        """The deterministic policy of every agent as it stands now.
+
+        Returns
+        -------
+        list of NetworkPolicy (A,)
+            The policies, in the order of the seeds.
+        """
         *hidden, (weight, bias) = layers_of(leaf.detach().cpu().numpy().copy() for leaf in self.loss.actor_leaves)
         means = [*hidden, (weight[..., :1], bias[..., :1])]
         u_max, history = self.env.base_model.u_max, self.env.history
@@ -142,7 +183,15 @@ class Population(ABC):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk.
 
-        Raises OSError where it cannot be written, with what the system says of it, be that behind the writer's error.
+        Parameters
+        ----------
+        path : str or path
+            The file.
+
+        Raises
+        ------
+        OSError
+            Where it cannot be written, with what the system says of it, be that behind the writer's error.
         """
         try:
             with whole(Path(path)) as file:
@@ -156,8 +205,15 @@ class Population(ABC):
     def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
 
-        Raises InvalidInput for a file that is no checkpoint, or one of another population or version; nothing has
-        changed then.
+        Parameters
+        ----------
+        path : str or path
+            The file that `save` wrote.
+
+        Raises
+        ------
+        InvalidInput
+            For a file that is no checkpoint, or one of another population or version; nothing has changed then.
         """
         stored = read_checkpoint(Path(path))
         settings = stored.get("settings")

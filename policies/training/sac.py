@@ -4,16 +4,7 @@ batch size (A,), a replay buffer, a loss, two optimisers and a target update, wi
     population = SACPopulation(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
     population.train(75_000)
 
-Of agent a, with its two critics Q_i, their slow copies Q'_i, its policy pi and its temperature alpha:
-
-    y        = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha log pi(a'|s')),   a' ~ pi(s')
-    L_critic = 1/2 sum_i mean (Q_i(s, a) - y)^2
-    L_actor  = mean (alpha log pi(a|s) - min_i Q_i(s, a)),   a ~ pi(s)
-    L_alpha  = -mean log_alpha (log pi(a|s) + target_entropy)
-
-Means run over the B transitions of the agent's own batch, and the agents' losses are summed: no gradient of one depends
-on another.
-Sources: Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018); Stable-Baselines3, sac.py.
+The losses, and where they come from: `SACPopulation`.
 """
 
 from __future__ import annotations
@@ -55,7 +46,37 @@ from sysid import InvalidInput
 
 @dataclass(frozen=True)
 class SACSettings(TrainingSettings):
-    """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau."""
+    """How agents train by soft actor-critic: the paper's settings, which are Stable-Baselines3's but for learning_rate.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+        The sizes of the hidden layers.
+    learning_rate : float
+        The learning rate of the critics, the policy and the temperature.
+    batch : int
+        The transitions in each agent's batch, at least 2.
+    gamma : float
+        The discount of a step.
+    capacity : int
+        The transitions that an agent remembers.
+    polyak : float
+        The share of the way that the slow copies of the critics go after each update; Stable-Baselines3 calls it tau.
+    initial_temperature : float
+        The temperature alpha at the beginning.
+    target_entropy : float
+        The entropy of the policy that the temperature is moved towards.
+    random_steps : int
+        The steps with uniform actions before the first update.
+    steps : int
+        The environment steps of each agent.
+
+    Raises
+    ------
+    InvalidInput
+        For layer sizes below 1 or none, a number that has to be positive and is not, a gamma or polyak outside [0, 1],
+        and a batch below 2.
+    """
 
     algorithm: ClassVar[str] = "sac"
     positive: ClassVar[tuple[str, ...]] = ("learning_rate", "capacity", "initial_temperature", "random_steps", "steps")
@@ -78,7 +99,20 @@ class SACSettings(TrainingSettings):
             raise InvalidInput(f"batch = {self.batch}: expected at least 2 transitions")
 
     def memory(self, agents: int, observation_size: int) -> float:
-        """Bytes that the networks of so many agents take with their optimisers, and their transitions."""
+        """How many bytes the networks of so many agents take with their optimisers, and their transitions.
+
+        Parameters
+        ----------
+        agents : int
+            The number of agents.
+        observation_size : int
+            The numbers in an observation.
+
+        Returns
+        -------
+        float
+            The bytes.
+        """
         sizes = (observation_size + 1, *self.hidden, 2)
         weights = 14 * sum(a * b for a, b in pairwise(sizes))  # 4 copies of the actor's, 5 of each critic's
         activations = 8 * self.batch * sum(self.hidden)
@@ -228,7 +262,40 @@ class FastSACLoss(StackedSACLoss):
 
 
 class SACPopulation(Population):
-    """Soft actor-critic agents, trained together, each with one pendulum and a memory of transitions."""
+    """Soft actor-critic agents, trained together, each with one pendulum and a memory of transitions.
+
+        y        = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha log pi(a'|s')),   a' ~ pi(s')
+        L_critic = 1/2 sum_i mean (Q_i(s, a) - y)^2
+        L_actor  = mean (alpha log pi(a|s) - min_i Q_i(s, a)),   a ~ pi(s)
+        L_alpha  = -mean log_alpha (log pi(a|s) + target_entropy)
+
+    An agent has two critics Q_i, their slow copies Q'_i, a policy pi and a temperature alpha. Means run over the
+    transitions of the agent's own batch, and the agents' losses are summed: no gradient of one depends on another.
+
+    Parameters
+    ----------
+    model : Model
+        The pendulum whose parameters the randomizations draw.
+    randomizations : sequence of Randomization (A,)
+        What each agent's episodes draw.
+    seeds : sequence of int (A,)
+        The seed of each agent.
+    settings : SACSettings, optional
+        The settings; by default as they come.
+    device : str, optional
+        Where the tensors lie.
+    history : int, optional
+        How many past commands the agents observe.
+
+    Raises
+    ------
+    InvalidInput
+        For a training that takes too much memory, and as `BatchedPendulums` does.
+
+    References
+    ----------
+    Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018); Stable-Baselines3, sac.py.
+    """
 
     parts: ClassVar[tuple[str, ...]] = ("env", "replay", "loss", "critic_optimizer", "actor_optimizer")
     settings_of: ClassVar[type[SACSettings]] = SACSettings
@@ -256,7 +323,13 @@ class SACPopulation(Population):
         self.resumed()
 
     def train(self, steps: int) -> None:
-        """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
+        """Advance every agent by `steps` environment steps, but not beyond settings.steps.
+
+        Parameters
+        ----------
+        steps : int
+            The environment steps of each agent.
+        """
         for _ in range(min(steps, self.settings.steps - self.steps_done)):
             self._step()
 

@@ -3,18 +3,7 @@
     population = SHACPopulation(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
     population.train(population.settings.steps)
 
-E pendulums of agent a move for T steps from where they are, under its policy pi with noise, and its value function V,
-with a slow copy V', says what comes after:
-
-    J        = mean_E (sum_{t < T} gamma^t r_t + gamma^T V'(s_T)),   a_t = tanh(pi(s_t) + noise std)
-    L_actor  = -J / T + p mean max(|pi| - 2.5, 0)^2,   whose gradient is taken through rewards, observations and motion
-    L_value  = 1/2 mean (V(s_t) - R_t)^2,       R_t: TD(lambda) returns of V'
-
-The model is differentiable, so that a gradient costs no more than twice the motion, and has none of the noise that an
-estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on. Where
-tanh has come to its end nothing is left of the gradient, and a policy that hangs at full torque would hang there for
-ever: the second term of L_actor brings it back. It fades away with the learning rate.
-Source: Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation" (2022).
+The losses, and where they come from: `SHACPopulation`.
 """
 
 from __future__ import annotations
@@ -58,17 +47,40 @@ FORGETTING = 0.95
 class SHACSettings(TrainingSettings):
     """How agents train through the model.
 
-    learning_rate   of policy and value function at the beginning; it falls in a straight line to a fiftieth
-    environments    pendulums of each agent
-    horizon         steps of a window
-    decay           lambda of the returns that the value function learns
-    noise           sd of the policy's action before tanh, at the beginning and at the end
-    saturation      p at the beginning
-    reward_scale    what rewards are multiplied with, so that values are of the size of 10
-    polyak          share of the way that the slow copy goes after each window
-    minibatches     updates of the value function in each window
-    gradient_norm   to which longer gradients of the policy are cut
-    steps           of each agent, summed over its pendulums
+    Parameters
+    ----------
+    hidden : tuple of int
+        The sizes of the hidden layers.
+    learning_rate : float
+        That of policy and value function at the beginning; it falls in a straight line to a fiftieth.
+    environments : int
+        The pendulums of each agent.
+    horizon : int
+        The steps of a window.
+    gamma : float
+        The discount of a step.
+    decay : float
+        The lambda of the returns that the value function learns.
+    noise : pair of floats
+        The standard deviation of the policy's action before tanh, at the beginning and at the end.
+    saturation : float
+        The weight p of the penalty on actions that tanh cuts off, at the beginning.
+    reward_scale : float
+        What rewards are multiplied with, so that values are of the size of 10.
+    polyak : float
+        The share of the way that the slow copy goes after each window.
+    minibatches : int
+        The updates of the value function in each window.
+    gradient_norm : float
+        The norm to which longer gradients of the policy are cut.
+    steps : int
+        The environment steps of each agent, summed over its pendulums.
+
+    Raises
+    ------
+    InvalidInput
+        For layer sizes below 1 or none, a number that has to be positive and is not, a gamma, decay or polyak outside
+        [0, 1], a negative noise or saturation, and minibatches that do not divide the environments.
     """
 
     algorithm: ClassVar[str] = "shac"
@@ -108,7 +120,20 @@ class SHACSettings(TrainingSettings):
         return self.environments * self.horizon
 
     def memory(self, agents: int, observation_size: int) -> float:
-        """Bytes that the networks take with their optimisers, and a window on its way back."""
+        """How many bytes the networks take with their optimisers, and a window on its way back.
+
+        Parameters
+        ----------
+        agents : int
+            The number of agents.
+        observation_size : int
+            The numbers in an observation.
+
+        Returns
+        -------
+        float
+            The bytes.
+        """
         sizes = (observation_size, *self.hidden, 1)
         weights = 9 * sum(a * b for a, b in pairwise(sizes))
         window = self.window * (4 * sum(self.hidden) + 2 * OPERATIONS)
@@ -215,8 +240,46 @@ def _answers(observation: Tensor, leaves: Sequence[Tensor]) -> Tensor:
 
 
 class SHACPopulation(Population):
-    """Agents that learn from the gradient through the model, each with its own pendulums, whose episodes end one after
-    another."""
+    """Agents that learn from the gradient through the model, by short-horizon actor-critic (SHAC).
+
+        J        = mean_E (sum_{t < T} gamma^t r_t + gamma^T V'(s_T)),   a_t = tanh(pi(s_t) + noise std)
+        L_actor  = -J / T + p mean max(|pi| - 2.5, 0)^2,   its gradient goes through rewards, observations and motion
+        L_value  = 1/2 mean (V(s_t) - R_t)^2,       R_t: TD(lambda) returns of V'
+
+    Each agent has its own E pendulums, whose episodes end one after another. They move for T steps from where they are,
+    under the agent's policy pi with noise; its value function V, with a slow copy V', says what comes after.
+
+    Parameters
+    ----------
+    model : Model
+        The pendulum whose parameters the randomizations draw.
+    randomizations : sequence of Randomization (A,)
+        What each agent's episodes draw.
+    seeds : sequence of int (A,)
+        The seed of each agent.
+    settings : SHACSettings, optional
+        The settings; by default as they come.
+    device : str, optional
+        Where the tensors lie.
+    history : int, optional
+        How many past commands the agents observe.
+
+    Raises
+    ------
+    InvalidInput
+        For a training that takes too much memory, and as `BatchedPendulums` does.
+
+    Notes
+    -----
+    The model is differentiable, so that a gradient costs no more than twice the motion, and has none of the noise that
+    an estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on.
+    Where tanh has come to its end nothing is left of the gradient, and a policy that hangs at full torque would hang
+    there for ever: the second term of L_actor brings it back. It fades away with the learning rate.
+
+    References
+    ----------
+    Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation" (2022).
+    """
 
     parts: ClassVar[tuple[str, ...]] = ("env", "loss", "value_optimizer", "actor_optimizer")
     settings_of: ClassVar[type[SHACSettings]] = SHACSettings
@@ -248,7 +311,15 @@ class SHACPopulation(Population):
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, or up to a window more, but not beyond settings.steps.
 
-        Raises InvalidInput where the gradient through the model is not finite.
+        Parameters
+        ----------
+        steps : int
+            The environment steps of each agent.
+
+        Raises
+        ------
+        InvalidInput
+            Where the gradient through the model is not finite.
         """
         last = min(self.settings.steps, self.steps_done + steps)
         while self.steps_done < last:
