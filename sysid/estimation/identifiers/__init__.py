@@ -16,6 +16,8 @@ from sysid.physics.model import Model
 class Identifier(Protocol):
     """An estimator that fits parameters of a model to records.
 
+    Notes
+    -----
     Settings (which parameters, the sensor) are its fields.
     """
 

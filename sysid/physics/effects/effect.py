@@ -408,6 +408,8 @@ class JointEffect(Effect):
 class DryFriction(Effect):
     """An effect that opposes motion with a torque of its own size, and holds a joint at rest with up to that torque.
 
+    Notes
+    -----
     The integrator (`sysid.physics.integrators`) resolves it such that the joint really sticks, in every back end.
     """
 
