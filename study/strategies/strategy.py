@@ -36,7 +36,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """A trained agent: what its policy is stored under, and the policy."""
+    """A trained agent.
+
+    Attributes
+    ----------
+    key : str
+        The name under which its policy is stored.
+    policy : NetworkPolicy
+        The policy.
+    """
 
     key: str
     policy: NetworkPolicy
@@ -44,8 +52,18 @@ class TrainedAgent:
 
 @dataclass(frozen=True, eq=False)
 class Play:
-    """So many rollouts under torques (rollouts, N) [N m], by default uniformly random ones; at_rest: begun hanging down
-    at rest, where a machine stands that is left alone, and not from a state of the task's."""
+    """A request for rollouts of the plant; it is answered with their records.
+
+    Parameters
+    ----------
+    rollouts : int
+        How many.
+    torques : array (rollouts, N), optional
+        The commands [N m]; by default they are uniformly random.
+    at_rest : bool
+        Whether the rollouts begin hanging down at rest, where a machine stands that is left alone, and not in a start
+        state of the task.
+    """
 
     rollouts: int
     torques: Array | None = None
@@ -54,7 +72,17 @@ class Play:
 
 @dataclass(frozen=True)
 class Try:
-    """So many episodes of an agent on the plant; at_rest as in Play."""
+    """A request for episodes of an agent on the plant; it is answered with `Tried`.
+
+    Parameters
+    ----------
+    agent : TrainedAgent
+        Whose policy acts.
+    rollouts : int
+        How many episodes; each counts as a rollout.
+    at_rest : bool
+        As in `Play`.
+    """
 
     agent: TrainedAgent
     rollouts: int = 1
@@ -63,19 +91,36 @@ class Try:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """What the sensors read in the episodes, and what the episodes returned."""
+    """What episodes on the plant showed.
+
+    Attributes
+    ----------
+    records : list of Record
+        What the sensors read.
+    returns : array (E,)
+        What the episodes returned.
+    """
 
     records: list[Record]
     returns: Array
 
     @property
     def mean(self) -> float:
+        """The mean return."""
         return float(np.mean(self.returns))
 
 
 @dataclass(frozen=True)
 class Train:
-    """An agent a setup, side by side; critics: of them as much is kept as `Learn` needs to go on."""
+    """A request for agents, one for each setup, which train side by side; it is answered with a tuple of TrainedAgent.
+
+    Parameters
+    ----------
+    setups : tuple of TrainingSetup
+        What each agent trains on.
+    critics : bool
+        Whether as much of the agents is kept as `Learn` needs to go on from them.
+    """
 
     setups: tuple[TrainingSetup, ...]
     critics: bool = False
@@ -83,8 +128,15 @@ class Train:
 
 @dataclass(frozen=True)
 class Learn:
-    """Reinforcement learning on the plant, an episode a rollout; start: an agent that goes on learning, trained with
-    `critics`, or None for one that knows nothing."""
+    """A request for reinforcement learning on the plant; it is answered with a TrainedAgent.
+
+    Parameters
+    ----------
+    rollouts : int
+        How many episodes the agent learns from; each counts as a rollout.
+    start : TrainedAgent, optional
+        An agent that goes on learning, trained with `critics`; by default one that knows nothing.
+    """
 
     rollouts: int
     start: TrainedAgent | None = None
@@ -92,9 +144,16 @@ class Learn:
 
 @dataclass(frozen=True)
 class Choice:
-    """What is deployed, and of those candidates whose returns alone were compared the one that returned most.
+    """What is deployed, and the candidate that returned most, where the returns of several were compared.
 
-    observed   its return within the budget: of the best of many, so more than it is worth
+    Parameters
+    ----------
+    deployed : TrainingSetup or TrainedAgent
+        What is deployed.
+    best : TrainedAgent, optional
+        The candidate that returned most.
+    observed : float
+        Its return within the budget. It is that of the best of several, and so more than the agent is worth.
     """
 
     deployed: TrainingSetup | TrainedAgent
@@ -119,11 +178,22 @@ GROUPS = {
 class Situation:
     """What a strategy knows before the first rollout.
 
-    prior      what an engineer would assume; the parameters in `names` may be anywhere within their bounds
-    sensor     the noise of the readings
-    budget     rollouts that it may spend
-    rng        for its own draws
-    simulated  steps that it has simulated itself, beside the trainings; it adds them up
+    Attributes
+    ----------
+    prior : Model
+        What an engineer would assume; the parameters in `names` may be anywhere within their bounds.
+    sensor : Sensor
+        The noise of the readings.
+    budget : int
+        How many rollouts it may spend.
+    seed : int
+        The seed of the run.
+    rng : numpy.random.Generator
+        For draws of its own.
+    names : tuple of str
+        The P parameters that are unknown.
+    simulated : int
+        How many steps it has simulated itself, beside the trainings; it adds them up.
     """
 
     prior: Model
@@ -136,12 +206,12 @@ class Situation:
 
     @property
     def bounds(self) -> Array:
-        """Of the names (P, 2)."""
+        """The bounds of the unknown parameters (P, 2)."""
         return np.array([self.prior.parameters[name].bounds for name in self.names])
 
     @property
     def believed(self) -> Array:
-        """The prior's own values (P,)."""
+        """The prior's values of the unknown parameters (P,)."""
         return np.array([float(self.prior.parameters[name].value) for name in self.names])
 
     def named(self, values: Array) -> dict[str, float]:
@@ -161,11 +231,20 @@ class Situation:
 class Strategy(ABC):
     """A way to spend rollouts. Its settings are the fields of a frozen dataclass, fixed before any agent is trained.
 
-    least, most   rollouts that it can make use of; most = 0: it spends none
-    in_rounds     whether it trains agents on the way, so that the experiment can afford fewer seeds
-    needs_angle   whether the angle has to be read all the time, and not at the start alone
-    short         it in up to four words; source: where it was published
-    group         what it is drawn with, one of GROUPS
+    Attributes
+    ----------
+    short : str
+        What it is, in up to four words.
+    source : str
+        Where it was published.
+    group : str
+        The group that it is drawn with, a key of GROUPS.
+    least, most : int
+        The fewest and the most rollouts that it can make use of; with most = 0 it spends none.
+    in_rounds : bool
+        Whether it trains agents on the way, so that the experiment can afford fewer seeds.
+    needs_angle : bool
+        Whether the angle has to be read all the time, and not at the start alone.
     """
 
     short: ClassVar[str]
@@ -178,4 +257,20 @@ class Strategy(ABC):
 
     @abstractmethod
     def spend(self, situation: Situation) -> Dialogue:
-        """Ask for rollouts and trainings, and return what the final agent is."""
+        """Ask for rollouts and trainings, and return what the final agent is.
+
+        Parameters
+        ----------
+        situation : Situation
+            What is known before the first rollout.
+
+        Yields
+        ------
+        Play, Try, Train or Learn
+            A request; what it is answered with is the value of the `yield`.
+
+        Returns
+        -------
+        TrainingSetup, TrainedAgent or Choice
+            What is deployed: the setup that the last agent trains on, or an agent.
+        """

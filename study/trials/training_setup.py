@@ -21,9 +21,18 @@ from sysid.estimation.saved_model import from_dict, to_dict
 class TrainingSetup:
     """What an agent trains on.
 
-    model    the machine at the centre of what is drawn; drawn: the parameters of every episode
-    verdict  a diagnosis' verdict, steps: the effects that it added, and whether these were believed; "" and () where
-             nothing was diagnosed
+    Parameters
+    ----------
+    model : Model
+        The machine at the centre of what is drawn.
+    drawn : Randomization
+        How the parameters of every episode are drawn.
+    verdict : str
+        The verdict of a diagnosis; "" if nothing was diagnosed.
+    steps : tuple of str
+        The effects that the diagnosis added.
+    believed : bool
+        Whether these were believed.
     """
 
     model: Model
