@@ -25,7 +25,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
-P = ParamSpec("P")
+Arguments = ParamSpec("Arguments")
 PACKAGES = ("sysid", "policies", "study.worth")
 """The loggers that a command line listens to."""
 OPTIONS = ConstructorRegistry()
@@ -92,14 +92,14 @@ def called(module: str) -> str:
     return name if name.startswith("gapfinder-") else module
 
 
-def ends_quietly(main: Callable[P, int]) -> Callable[P, int]:
-    """Of an entry point the one that says nothing where whoever read its output has gone away.
+def ends_quietly(main: Callable[Arguments, int]) -> Callable[Arguments, int]:
+    """Make an entry point end without a word where whoever read its output has gone away.
 
     Nobody waits for the rest, which is no error of the user's: the exit code is 1, as Python's own is then.
     """
 
     @wraps(main)
-    def run(*arguments: P.args, **named: P.kwargs) -> int:
+    def run(*arguments: Arguments.args, **named: Arguments.kwargs) -> int:
         try:
             try:
                 return main(*arguments, **named)

@@ -253,12 +253,12 @@ class Search:
         of the model as it came make place for one that contains them."""
         logger.debug(f"fitting {' and '.join(names)}")
         came = {e.name for e in self.given}
-        refining = [n for n in names if came.intersection(CATALOGUE[n].contains)]
+        refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in came])}
         try:
             begun = near or now
-            for name in refining:
-                begun = without_free(begun, CATALOGUE[name].contains, QUICK)
-            tested = self.last | (scores(begun, refining) if refining else {})
+            for own in refined.values():
+                begun = without_free(begun, own, QUICK)
+            tested = self.last | (scores(begun, refined) if refined else {})
             start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
             found = extended(begun, start, QUICK)
         except InvalidInput:
