@@ -7,8 +7,8 @@ over log samples from one size to the next: 1 is linear. A log at 1 kHz is thinn
 
 from __future__ import annotations
 
+import json
 import math
-import os
 import subprocess
 import sys
 import time
@@ -30,6 +30,15 @@ SIZES = {  # samples: how a rig logs that many
     20_000: Log(rate=100.0, seconds=25.0),
     200_000: Log(rate=1000.0, seconds=25.0, theta=0.0005, angle_step=ENCODER),
 }
+
+# The system counts in a process's peak memory what its parent held as it was started, so its parent is a small one.
+STARTER = """
+import json, os, sys
+process = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ)
+_, status, used = os.wait4(process, 0)
+print(json.dumps([used.ru_utime + used.ru_stime, used.ru_maxrss]))
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
 
 
 @dataclass(frozen=True)
@@ -61,20 +70,18 @@ def cost(log: Log, keep_rate: bool = False) -> Cost:
         files = logged(log, Path(folder))
         rate = ["--dt", f"{log.dt:g}"] if keep_rate else []
         words = [sys.executable, "-m", "sysid", "diagnose", *map(str, files), *rate]
-        with open(Path(folder, "said"), "w+", encoding="utf-8") as said:
-            began = time.perf_counter()
-            process = subprocess.Popen(words, stdout=said, stderr=said)
-            _, status, used = os.wait4(process.pid, 0)
-            wall = time.perf_counter() - began
-            process.returncode = os.waitstatus_to_exitcode(status)
-            said.seek(0)
-            text = said.read()
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, words, text)
+        began = time.perf_counter()
+        starter = [sys.executable, "-I", "-S", "-c", STARTER, *words]
+        done = subprocess.run(starter, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8")
+        wall = time.perf_counter() - began
+    text, _, used = done.stdout.rstrip().rpartition("\n")
+    if done.returncode:
+        raise subprocess.CalledProcessError(done.returncode, words, text)
+    processor, memory = json.loads(used)
     verdict = next((line for line in text.splitlines() if line.startswith(VERDICTS)), text)
     per_mb = 1e6 if sys.platform == "darwin" else 1e3  # the unit of ru_maxrss differs
     samples = log.rollouts * log.samples
-    return Cost(samples, log.rate, wall, used.ru_utime + used.ru_stime, used.ru_maxrss / per_mb, verdict)
+    return Cost(samples, log.rate, wall, processor, memory / per_mb, verdict)
 
 
 def table(costs: Sequence[Cost]) -> str:
