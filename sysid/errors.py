@@ -9,9 +9,9 @@ from numbers import Real
 from types import UnionType
 from typing import Any, TypeGuard
 
-LONGEST = 200
+LONGEST_SHOWN = 200
 """Characters that are shown of a text out of a file."""
-SHORT = 80
+LONGEST_WHOLE = 80
 """Characters, at most, of a value that is shown as it is; of a longer one only the type is named."""
 
 
@@ -28,10 +28,10 @@ class InvalidInput(ValueError):
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(printable(" ".join(str(message).split()), 4 * LONGEST))
+        super().__init__(printable(" ".join(str(message).split()), 4 * LONGEST_SHOWN))
 
 
-def printable(text: str, longest: int = 10 * LONGEST) -> str:
+def printable(text: str, longest: int = 10 * LONGEST_SHOWN) -> str:
     """The text with escapes in place of what a terminal would obey: control and format characters, half characters.
 
     Of a longer line its begin and its end are left.
@@ -39,20 +39,21 @@ def printable(text: str, longest: int = 10 * LONGEST) -> str:
     foreign = {c for c in set(text) - {"\n"} if unicodedata.category(c)[0] == "C"}
     text = text.translate({ord(c): c.encode("unicode_escape").decode() for c in foreign})
     return "\n".join(
-        line if len(line) <= longest else f"{line[: 2 * LONGEST]} ... {line[-LONGEST:]}" for line in text.split("\n")
+        line if len(line) <= longest else f"{line[: 2 * LONGEST_SHOWN]} ... {line[-LONGEST_SHOWN:]}"
+        for line in text.split("\n")
     )
 
 
 def excerpt(value: Any) -> str:
     """A value out of a file as `repr` writes it, cut after 200 characters."""
-    text = repr(value[: LONGEST + 1] if isinstance(value, str) else value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
+    text = repr(value[: LONGEST_SHOWN + 1] if isinstance(value, str) else value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."
 
 
 def described(value: object) -> str:
     """A value that a user gave, in a few words: as `repr` writes it or, where that is long, its type."""
     text, kind = excerpt(value), type(value).__name__
-    return text if len(text) <= SHORT and "\n" not in text else f"a{'n' * (kind[0] in 'AEIOUaeiou')} {kind}"
+    return text if len(text) <= LONGEST_WHOLE and "\n" not in text else f"a{'n' * (kind[0] in 'AEIOUaeiou')} {kind}"
 
 
 def check_kind(what: str, given: object, kind: type | UnionType, expected: str) -> None:

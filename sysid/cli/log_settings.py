@@ -19,7 +19,7 @@ from sysid.data.files import full_path, read_file
 from sysid.errors import InvalidInput, excerpt
 
 FILE = "log.toml"
-NONE = "none"
+NO_FILE = "none"
 """`--log none` reads none."""
 FIELDS = {"from": "begin", "to": "end"}
 """The fields of the options that are called otherwise on the command line."""
@@ -82,7 +82,7 @@ def settings_file(files: tuple[Path, ...]) -> Path | None:
     if len(found) < len(folders) or any(settings_in(path) != settings_in(found[0]) for path in found):
         raise InvalidInput(
             f"the logs lie in {len(folders)} folders whose {FILE} differ or are not there: expected one that holds for "
-            f"all, given with --log FILE.toml, or --log {NONE}"
+            f"all, given with --log FILE.toml, or --log {NO_FILE}"
         )
     return files[0].parent / FILE
 
@@ -92,7 +92,7 @@ def with_settings(log: LogOptions, start: ModelOptions) -> tuple[LogOptions, Mod
 
     log.settings names the file, else it is looked for beside the log; the line is empty where there is none.
     """
-    if log.settings is not None and str(log.settings) == NONE:
+    if log.settings is not None and str(log.settings) == NO_FILE:
         return replace(log, settings=None), start, ""
     path = log.settings or settings_file(log.files)
     if path is None:

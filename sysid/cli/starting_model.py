@@ -39,7 +39,7 @@ INPUTS: dict[Command, type[Actuator] | None] = {
 """What turns each kind of command into torque."""
 SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
-ROUNDING = 0.05
+STEP_TOLERANCE = 0.05
 """Share by which a step may be longer all the same: a rate of 99.98 Hz asks for no second one."""
 SEVERAL_TURNS = 6.0 * math.pi
 """How far [rad] a joint goes in one direction that turns round, and is no pendulum that swings over."""
@@ -161,7 +161,7 @@ def sampled(model: Model, names: tuple[str, ...], log: Log, given: bool) -> Mode
     longest, why = min(SUBSTEP, 1.0 / needed_rate(log), model.dt / model.integrator.substeps), ""
     if set(names).isdisjoint((*model.plant.parameters, model.damping)) and longest * _fastest_rate(model) > 1.0:
         longest, why = 1.0 / _fastest_rate(model), ", which the stiffness and the damping that are set ask for"
-    substeps = math.ceil(dt / longest - ROUNDING)
+    substeps = math.ceil(dt / longest - STEP_TOLERANCE)
     check_size(f"the integrator's steps of {longest:.3g} s in {dt:g} s{why}:", substeps, LOG_SUBSTEPS)
     return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=substeps))
 

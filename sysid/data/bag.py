@@ -22,7 +22,7 @@ from sysid.physics.ops import Array
 MCAP = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 STATES = "sensor_msgs/msg/JointState"
-NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray")
+NUMBER_TYPES = ("std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray")
 READINGS = ("theta", "theta_dot", "torque")
 """Our names for the position, the velocity and the effort of a joint."""
 
@@ -80,7 +80,7 @@ def _content(path: Path, files: tuple[Any, ...]) -> Content:
     types, joints, numbers = get_typestore(Stores.ROS2_HUMBLE), defaultdict(list), defaultdict(list)
     size = 0
     with _opened(path) as reader:
-        wanted = [c for c in reader.connections if c.msgtype in (STATES, *NUMBERS)]
+        wanted = [c for c in reader.connections if c.msgtype in (STATES, *NUMBER_TYPES)]
         for connection, written, raw in reader.messages(wanted) if wanted else ():
             message: Any = types.deserialize_cdr(raw, connection.msgtype)
             if connection.msgtype == STATES:

@@ -14,7 +14,7 @@ from sysid.limits import MAGNITUDE, check_size
 from sysid.physics.ops import Array
 from sysid.physics.plants import Plant
 
-SPAN = 0.1
+COMPARED_SPAN = 0.1
 """Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""
 ELSEWHERE = 0.3
 """Least angle [rad] between where free swings have their middle and where the joint should hang, to be remarked on."""
@@ -80,7 +80,7 @@ def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
 def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
     """The change of `angle` over 0.1 s, and the integral of `speed` over the same rows."""
     steps = np.diff(t)
-    span = min(max(round(SPAN / max(float(np.median(steps)), 1e-9)), 1), len(t) - 1)
+    span = min(max(round(COMPARED_SPAN / max(float(np.median(steps)), 1e-9)), 1), len(t) - 1)
     area = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)))
     return angle[span:] - angle[:-span], area[span:] - area[:-span]
 
@@ -144,7 +144,7 @@ def _accelerations(records: Sequence[Record]) -> tuple[Array, Array]:
     """Rows (n, 4) of theta, mean command, speed and 1, and the accelerations (n,), over 0.1 s."""
     rows, targets = [np.zeros((0, 4))], [np.zeros(0)]
     for r in records:
-        span = max(round(SPAN / r.dt), 1)
+        span = max(round(COMPARED_SPAN / r.dt), 1)
         if r.theta is None or not r.has_angles or len(r) < 4 * span:
             continue
         mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")

@@ -36,11 +36,11 @@ SLOW = 0.5
 """Rows that are so far apart [s] cannot follow a pendulum: the clock may count a shorter unit."""
 FINEST = 2e-5
 """No logger writes rows nearer to each other than this [s]: a unit in a column's name that says so is not believed."""
-FEWEST = 10
+FEWEST_ROWS = 10
 """Rows from which the unit of a clock can be inferred."""
 BITS = (16, 32)
 """Widths of servos' registers."""
-EMPTY = 0.25
+EMPTY_MIDDLE = 0.25
 """Share of a register's range, on either side of its middle, in which no value lies if a sign was lost."""
 
 
@@ -143,11 +143,11 @@ def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[Time
     step, named = float(np.median(steps)), _named_unit(title)
     if named is not None and step / PER_SECOND[named] >= FINEST:
         return named, f"as the name of column {title!r} says" if named != "s" else ""
-    if len(steps) < FEWEST:
+    if len(steps) < FEWEST_ROWS:
         return "s", ""
     moving = [c for c in ("theta", "theta_dot") if c in table and len(table[c]) == len(table["t"])]
     whole = np.all([np.isfinite(table[c]) for c in ("t", *moving)], axis=0)
-    if len(moving) == 2 and np.sum(whole) >= FEWEST:
+    if len(moving) == 2 and np.sum(whole) >= FEWEST_ROWS:
         t, theta, theta_dot = (table[c][whole] for c in ("t", *moving))
         if np.ptp(theta) > 0.0 and np.ptp(theta_dot) > 0.0:
             off = {u: rate_mismatch(t / per, theta, theta_dot) for u, per in PER_SECOND.items()}
@@ -208,7 +208,7 @@ def _register(values: Array) -> int:
     for bits in BITS:
         share = known / 2.0**bits
         high = share > 0.5
-        empty = np.all(np.abs(share - 0.5) > EMPTY)
+        empty = np.all(np.abs(share - 0.5) > EMPTY_MIDDLE)
         if empty and np.any(high) and not np.all(high) and np.max(share) < 1.0:
             return bits
     return 0

@@ -29,7 +29,7 @@ FEWEST_TORQUES, MOST_TORQUES = 50, 20_000
 """Instants that the comparison of torque and readings needs, and that it uses at most."""
 FOLLOWS = 0.25
 """A torque was computed if the readings leave less than this share of the variance of its innovations unexplained."""
-FAR = 3.3
+LARGEST_INNOVATION = 3.3
 """Innovations beyond that many sd are steps of a controller's reference, which no reading explains."""
 
 
@@ -130,7 +130,7 @@ def _innovation(A: Array, u: Array) -> float:
     for _ in range(4):
         rest = _rest(A, u, keep)
         typical = float(np.median(np.abs(rest))) / 0.6745
-        keep = np.abs(rest) <= FAR * typical
+        keep = np.abs(rest) <= LARGEST_INNOVATION * typical
         if keep.sum() < FEWEST_TORQUES:
             break
     return typical

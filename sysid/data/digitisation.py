@@ -15,13 +15,13 @@ from sysid.physics.ops import Array
 
 CANDIDATES = (0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)
 """Quantiles of the changes between readings that are tried as quantisation step, the largest first."""
-SHORTEST = 3
+SHORTEST_HOLD = 3
 """Rows that a reading must be held for: twice the same reading is common where two clocks meet."""
-FEWEST = 20
+FEWEST_JUMPS = 20
 """Jumps from which a holding is inferred, at least."""
 REGULAR = 0.85
 """Share of all jumps that must come at the sensor's interval."""
-FAR = 2.5
+SMALLEST_JUMP = 2.5
 """A jump is a change by more quantisation steps: at such a speed a fresh sensor changes in every row."""
 
 
@@ -64,12 +64,12 @@ def holding(series: Iterable[Array]) -> float:
         rests.append(np.diff(change))
         jumps.append(np.abs(values[change[1:]] - values[change[1:] - 1]))
         readings.append(values[np.append(0, change)])
-    length = np.concatenate(rests)[np.concatenate(jumps) > FAR * quantisation_step(readings)]
-    if len(length) < FEWEST:
+    length = np.concatenate(rests)[np.concatenate(jumps) > SMALLEST_JUMP * quantisation_step(readings)]
+    if len(length) < FEWEST_JUMPS:
         return 1.0
     typical = float(np.median(length))
     regular = np.abs(length - typical) <= max(1.0, 0.1 * typical)
-    if typical < SHORTEST or float(np.mean(regular)) < REGULAR:
+    if typical < SHORTEST_HOLD or float(np.mean(regular)) < REGULAR:
         return 1.0
     return float(np.mean(length[regular]))
 

@@ -24,18 +24,18 @@ ACROSS = 0.25
 """A log that has gone so far to the other side (share of the largest deflection) shows swings and no preparation."""
 LONGER = 7.0
 """A swing from the other side reaches LEFT within 5 times the time from LEFT to HALF; this adds a margin."""
-STILL = 0.1
+LARGEST_CREEP = 0.1
 """A machine stands if half of the time before LEFT takes it at most this share of the way there; if it were let go at
 the first sample, it would have gone a quarter."""
 TURNS = 0.05
 """The least prominence of a turn, and the range within which the machine stands, as shares of the whole range."""
 STICKS = 3.0
 """Friction that may hold a machine at rest, at most, in units of the friction of its motion."""
-STANDS = 0.01
+SETTLING_BAND = 0.01
 """A machine stands at its end from where it stays within this share of the whole range."""
 LONGEST_REST, KEPT_REST = 3.0, 0.5
 """Rest behind a swing that is too long, and rest that is kept then, as multiples of the swing's duration."""
-FEWEST = 6
+FEWEST_SAMPLES = 6
 """Samples, at least, that show whether it stands, and that must be left to fit."""
 
 
@@ -47,15 +47,15 @@ def free_part(record: Record) -> tuple[Record, str]:
     """
     if record.theta is None or not record.has_angles:
         return record, ""
-    if len(record) < FEWEST:
+    if len(record) < FEWEST_SAMPLES:
         return record, ""
     let_go, caught = _let_go(record.theta), 0 if record.driven else _caught(record.theta)
-    first = let_go if let_go >= FEWEST and not np.any(record.u[:let_go]) else 0
+    first = let_go if let_go >= FEWEST_SAMPLES and not np.any(record.u[:let_go]) else 0
     last = caught or len(record)
     swing = 0 if record.driven or caught else _stops(record.theta) - first
-    if swing >= FEWEST and len(record) - first > (1.0 + LONGEST_REST) * swing:
+    if swing >= FEWEST_SAMPLES and len(record) - first > (1.0 + LONGEST_REST) * swing:
         last = first + round((1.0 + KEPT_REST) * swing)
-    if (first, last) == (0, len(record)) or last - first < FEWEST:
+    if (first, last) == (0, len(record)) or last - first < FEWEST_SAMPLES:
         return record, ""
     after, said = f"what comes after {record.t[last]:.4g} s", list[str]()
     by_hand = [f"the first {first * record.dt:.3g} s"] * (first > 0) + [after] * (caught > 0)
@@ -70,7 +70,7 @@ def free_part(record: Record) -> tuple[Record, str]:
 def _stops(theta: Array) -> int:
     """The last sample of a motion (K,) before it stands to its end."""
     end = float(np.median(theta[-max(len(theta) // 10, 1) :]))
-    return int(np.max(np.flatnonzero(np.abs(theta - end) > STANDS * np.ptp(theta)), initial=0))
+    return int(np.max(np.flatnonzero(np.abs(theta - end) > SETTLING_BAND * np.ptp(theta)), initial=0))
 
 
 def _let_go(theta: Array) -> int:
@@ -84,13 +84,13 @@ def _let_go(theta: Array) -> int:
     first = int(np.argmax(share > LEFT))
     half = first + int(np.argmax(share[first:] < HALF))
     free = first + int(np.flatnonzero(share[first:half] > LEFT)[-1]) + 1 if half > first else 0
-    if free < FEWEST or np.any(share[:free] < -ACROSS):
+    if free < FEWEST_SAMPLES or np.any(share[:free] < -ACROSS):
         return 0
     middle, window = free // 2, max(free // 4, 1)
     begin, later = share[:window], share[middle - window // 2 : middle - window // 2 + window]
     gone = abs(float(np.median(later) - np.median(begin)))
     unsure = float(np.std(share[:middle])) / math.sqrt(window)
-    stands = max(gone, unsure) < STILL * (1.0 - LEFT)
+    stands = max(gone, unsure) < LARGEST_CREEP * (1.0 - LEFT)
     return half if stands or free > LONGER * (half - free) else 0
 
 
@@ -109,7 +109,7 @@ def _caught(theta: Array) -> int:
     places = theta[turns[-3:]]
     before, last = np.diff(places)
     rest = theta[turns[-1] + round(1.5 * (turns[-1] - turns[-2])) :]
-    if len(rest) < FEWEST or np.ptp(rest) > TURNS * way:
+    if len(rest) < FEWEST_SAMPLES or np.ptp(rest) > TURNS * way:
         return 0
     middle = 0.25 * float(places[0] + 2.0 * places[1] + places[2])
     shorter = max(abs(before) - abs(last), 0.0)

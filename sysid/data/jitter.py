@@ -12,13 +12,13 @@ import numpy as np
 
 from sysid.physics.ops import Array
 
-SPAN = 0.1
+SPEED_SPAN = 0.1
 """Seconds over which the speed is averaged that turns an error of the stamp into one of the angle."""
-ORDERS = (4, 6, 8)
+DIFFERENCE_ORDERS = (4, 6, 8)
 """Orders of difference: the higher the order, the less is left of the motion, whereas jitter stays the same."""
-BINS, FEWEST = 8, 40
+BINS, FEWEST_ERRORS = 8, 40
 """Bins of speed in each of which the size of the errors is found, and the least number of errors in a bin."""
-RATIOS = tuple(2.0**k for k in range(1, 25))
+VARIANCE_RATIOS = tuple(2.0**k for k in range(1, 25))
 """Ratios that are tried of the error variance by jitter to the angle's own; from 2, as jitter must be most of it."""
 BETTER = 0.75
 """Jitter is found where it lowers the misfit to less than this share."""
@@ -28,7 +28,7 @@ AGREE = 1.5
 
 def speed_about(theta: Array, dt: float) -> Array:
     """The mean speed (K,) [rad/s] over a tenth of a second (four samples at least) about each reading."""
-    half = max(2, round(0.5 * SPAN / dt))
+    half = max(2, round(0.5 * SPEED_SPAN / dt))
     at = np.arange(len(theta))
     after, before = np.minimum(at + half, len(theta) - 1), np.maximum(at - half, 0)
     return (theta[after] - theta[before]) / np.maximum((after - before) * dt, 1e-300)
@@ -43,7 +43,7 @@ def stamp_jitter(angles: Sequence[Array], dt: float, floor: float) -> tuple[floa
     the `floor` [rad] of rounding, squared. The right side is fitted by least absolute deviations of logarithms, which
     one odd bin does not bend. What seems to be jitter but falls with m is fast motion.
     """
-    found = [_by_order(angles, dt, m, floor) for m in ORDERS]
+    found = [_by_order(angles, dt, m, floor) for m in DIFFERENCE_ORDERS]
     if any(jitter == 0.0 for jitter, _ in found) or found[0][0] > AGREE * found[-1][0]:
         return 0.0, 0.0
     return min(found)
@@ -57,7 +57,7 @@ def _by_order(angles: Sequence[Array], dt: float, m: int, floor: float) -> tuple
             errors.append(np.abs(np.diff(theta, m)) / math.sqrt(math.comb(2 * m, m)))
             speeds.append(np.abs(speed_about(theta, dt))[m // 2 : len(theta) - (m - m // 2)])
     error, speed = np.concatenate(errors), np.concatenate(speeds)
-    if len(error) < BINS * FEWEST:
+    if len(error) < BINS * FEWEST_ERRORS:
         return 0.0, 0.0
     bins = np.array_split(np.argsort(speed), BINS)
     variance = np.array([max(float(np.median(error[own])) / 0.6745, floor) ** 2 for own in bins])
@@ -65,7 +65,7 @@ def _by_order(angles: Sequence[Array], dt: float, m: int, floor: float) -> tuple
     mean = float(np.mean(square))
     if not (mean > 0.0 and np.all(variance > 0.0)):
         return 0.0, 0.0
-    ratios = np.array([0.0, *RATIOS])
+    ratios = np.array([0.0, *VARIANCE_RATIOS])
     own = np.log(variance) - np.log1p(ratios[:, None] * square / mean)
     misfit = np.sum(np.abs(own - np.median(own, axis=1, keepdims=True)), axis=1)
     best = int(np.argmin(misfit))

@@ -24,7 +24,7 @@ File = str | PathLike[str] | Any
 """A path, or a pandas DataFrame."""
 FAST = 1e-4
 """Share of a motion's power that may lie above the frequency of its fastest part (`needed_rate`)."""
-SHORT = 0.2
+SHORT_PIECE = 0.2
 """Pieces shorter than this share of the longest tell no rate: the course of a moment has a part at every frequency."""
 FEW = 0.1
 """The largest share of rows without a number that may be left out."""
@@ -89,7 +89,7 @@ def needed_rate(records: Sequence[Record]) -> float:
     count; its level is taken from the upper half of the frequencies.
     """
     fastest, longest = 0.0, max(map(len, records))
-    for r in (own for own in records if len(own) >= SHORT * longest):
+    for r in (own for own in records if len(own) >= SHORT_PIECE * longest):
         y = r.theta
         if not r.has_angles and r.theta_dot is not None:
             y = r.dt * np.cumsum(r.theta_dot)

@@ -22,9 +22,9 @@ from sysid.physics.plants import Plant
 
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)
-FEWEST = 40
+FEWEST_RESIDUALS = 40
 """Residuals that a standard deviation is computed from, at least."""
-MOST = 10_000
+MOST_SAMPLES = 10_000
 """Samples that are used, at most: they give a sd to 1 %, and more would only take longer."""
 LATEST = 0.3
 """The effect of a torque on the readings is taken out for so many seconds after it (at most 25 samples)."""
@@ -80,7 +80,7 @@ class Noise:
         return self.sentence()
 
 
-NEGLIGIBLE = 1e-4
+NEGLIGIBLE_NOISE = 1e-4
 """Noise below this share of a channel's spread is taken to be this share: no model is more accurate than that."""
 MOTION, MOST_OF_SPREAD = 100.0, 0.5
 """Residuals from windows that are this many times those from sample to sample, or this share of the channel's spread,
@@ -171,11 +171,11 @@ def _lags(lengths: Sequence[int], dt: float) -> int:
 def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:
     """Readings y (N+1,) and torque u (N,) of each record; of long logs, stretches that are spread evenly."""
     total = sum(len(u) for _, u in series)
-    if total <= MOST:
+    if total <= MOST_SAMPLES:
         yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in series)
         return
     stretches = [(y[k : k + 1001], u[k : k + 1000]) for y, u in series for k in range(0, max(len(u) - 999, 1), 1000)]
-    every = max(math.ceil(len(stretches) * 1000 / MOST), 1)
+    every = max(math.ceil(len(stretches) * 1000 / MOST_SAMPLES), 1)
     yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in stretches[::every])
 
 
@@ -183,7 +183,7 @@ def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> 
     power, notes = 2 if channel == "theta" else 1, list[str]()
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantisation_step([y for y, _ in series])
-    floor = max(step / math.sqrt(12.0), NEGLIGIBLE * spread)
+    floor = max(step / math.sqrt(12.0), NEGLIGIBLE_NOISE * spread)
     lags = _lags([len(u) for _, u in series], dt)
 
     def spread_after(kernel: Array) -> tuple[float, int]:
@@ -284,7 +284,7 @@ def _scale(
     """
     targets, regressors, edges = _filtered(series, kernel, power, lags)
     n = len(targets)
-    if n < FEWEST:
+    if n < FEWEST_RESIDUALS:
         return math.nan, 0
     regressors = regressors[:, : n // 8]
     gain = float(np.linalg.norm(kernel))
@@ -293,7 +293,7 @@ def _scale(
     sd = max(float(np.median(np.abs(residual))) / 0.6745 / gain, floor)
     for _ in range(10):
         events = _widened(np.abs(residual) > EVENT * sd * gain, len(kernel) // 2, edges)
-        if n - events.sum() < max(FEWEST, 0.25 * n):
+        if n - events.sum() < max(FEWEST_RESIDUALS, 0.25 * n):
             break
         same = np.array_equal(~events, keep)
         keep = ~events
@@ -303,7 +303,7 @@ def _scale(
         sd = max(float(np.sqrt(np.sum(residual[keep] ** 2) / max(keep.sum() - used, 1))) / gain / KEPT, floor)
     left = int(keep.sum()) - used
     sd = float(np.sqrt(np.sum(residual[keep] ** 2) / max(left, 1))) / gain
-    return (sd / KEPT if not keep.all() else sd, left) if left >= FEWEST else (math.nan, 0)
+    return (sd / KEPT if not keep.all() else sd, left) if left >= FEWEST_RESIDUALS else (math.nan, 0)
 
 
 def _filtered(

@@ -20,15 +20,15 @@ from sysid.physics.ops import Array
 
 GAP = 3.5
 """A step longer than this many typical steps (or sample intervals, if those asked for are longer) is a gap."""
-FAR = 0.75
+FARTHEST_ROW = 0.75
 """An instant further than this many steps from any row is interpolated between the rows on both sides."""
-SHORTEST = 5
+FEWEST_PIECE_ROWS = 5
 """Pieces between gaps that have fewer rows are left out if others are longer."""
 WITNESS = 0.1
 """Share of a rollout's rows that a piece between gaps must have for its own sample rate to count."""
 MOST_APART = 10.0
 """Sample rates that differ by more than this factor come from different machines, or different units of time."""
-WINDOW = 1.0
+SHORTEST_PREDICTED = 1.0
 """Seconds over which models predict: a log that gaps cut into shorter pieces is hardly of use."""
 COARSEST = 5.0
 """Largest sample interval that bridges gaps, in intervals of the rows; a longer one would lose the motion."""
@@ -92,7 +92,7 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     ordered, held = _fresh([_without_spikes(part, tally) for rows in rollouts for part in _restarts(rows, tally)])
     cut = [[_stamps(p, tally) for p in _pieces(part, gaps, dt or 0.0)] for part in ordered]
     pieces = [p for parts in cut for p in parts]
-    least = SHORTEST if any(_lasts(p, dt, SHORTEST) for p in pieces) else 2
+    least = FEWEST_PIECE_ROWS if any(_lasts(p, dt, FEWEST_PIECE_ROWS) for p in pieces) else 2
     used = [kept for parts in cut if (kept := [p for p in parts if _lasts(p, dt, least)])]
     long = [p for parts in used for p in parts]
     if not long:
@@ -269,7 +269,7 @@ def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
     right = np.clip(np.searchsorted(read.t, grid), 1, len(read.t) - 1)
     nearest = np.where(grid - read.t[right - 1] <= read.t[right] - grid, right - 1, right)
     offset = np.abs(grid - read.t[nearest])
-    missing = int(np.sum(offset > FAR * rows.step))
+    missing = int(np.sum(offset > FARTHEST_ROW * rows.step))
     near = len(grid) == n + 1 and float(np.max(np.abs(grid - rows.t))) <= 0.02 * dt
     torque = rows.torque[:-1] if near else _held(rows.t, rows.torque, grid)
     theta, theta_dot = (None if y is None else _moved(read.t, y, grid, nearest) for y in (read.theta, read.theta_dot))
@@ -304,7 +304,7 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
         slope, curvature = _cubic(t, y, nearest[rows], step)
         delta = (grid[rows] - t[nearest[rows]]) / step
         shift[rows] = slope * delta + 0.5 * curvature * delta**2
-    far = np.abs(grid - t[nearest]) > FAR * step
+    far = np.abs(grid - t[nearest]) > FARTHEST_ROW * step
     shift[far] = np.interp(grid[far], t, y) - y[nearest[far]]
     rounded = digitisation.quantisation_step([y])
     return y[nearest] + (rounded * np.round(shift / rounded) if rounded > 0.0 else shift)
@@ -346,7 +346,7 @@ def _wider(pieces: Sequence[Rows], rollouts: Sequence[Rows], gaps: Sequence[floa
 
     def predictable(parts: Sequence[Rows]) -> float:
         lengths = [float(p.t[-1] - p.t[0]) for p in parts]
-        return sum(length for length in lengths if length >= WINDOW) / sum(lengths)
+        return sum(length for length in lengths if length >= SHORTEST_PREDICTED) / sum(lengths)
 
     if any(gap <= GAP * common for gap in gaps):
         return common

@@ -21,9 +21,9 @@ from sysid.physics.ops import Array
 
 AROUND = 0.5
 """Seconds before and after a reading within which a joint at rest does not move; so long a rest becomes one reading."""
-FEWEST = 5
+FEWEST_AROUND = 5
 """Samples that AROUND spans, at least."""
-STILL = 1.5
+LARGEST_SCATTER = 1.5
 """Scatter of readings at rest, at most, in units of the noise's sd."""
 CLEAR = 20.0
 """Scatter of all readings of a channel that tells rest from slow motion, at least, in units of the noise's sd."""
@@ -61,13 +61,13 @@ def _representatives(
     At rest no channel that shows the motion clearly, and is read at all samples, scatters by more than its noise, and
     the command scatters by `least` at most. If only the speed is read, it is also zero.
     """
-    half, at = max(FEWEST, round(AROUND / record.dt)), np.arange(len(record) + 1)
+    half, at = max(FEWEST_AROUND, round(AROUND / record.dt)), np.arange(len(record) + 1)
     shows = clear & np.all(np.isfinite(sds), axis=0)
     if not np.any(shows) or len(at) <= 2 * half:
         return at
     still = _moments(np.append(record.u, record.u[-1]), half)[1] <= least
     for channel in np.flatnonzero(shows):
-        sd = STILL * float(np.median(sds[:, channel]))
+        sd = LARGEST_SCATTER * float(np.median(sds[:, channel]))
         level, scatter = _moments(values[:, channel], half)
         still &= (scatter < sd) & (shows[0] | (np.abs(level) < sd))
     for rest in np.split(at, np.flatnonzero(np.diff(still)) + 1):

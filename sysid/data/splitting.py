@@ -17,13 +17,13 @@ MOST_STRETCHES = 3
 """Stretches that are held out of a single rollout, at most."""
 MARGIN = 0.2
 """Seconds that are left out before and behind a stretch that is left out."""
-SHORTEST = 1.0
+SHORTEST_PIECE = 1.0
 """Pieces between such stretches that are shorter [s] are left out too."""
-SHORTEST_PART, LEAST_SHARE = 0.5, 0.2
-"""Parts shorter than SHORTEST_PART [s] or LEAST_SHARE of the log, whichever is less, are merged with a neighbour."""
+SHORTEST_PART, SMALLEST_PART = 0.5, 0.2
+"""Parts shorter than SHORTEST_PART [s] or SMALLEST_PART of the log, whichever is less, are merged with a neighbour."""
 SHORTEST_LOG = 0.5
 """Seconds of the shortest log of which a part is held out."""
-LEAST = 2.0
+SHORTEST_HELD_OUT = 2.0
 """Seconds that are held out, at least; a stretch of them is at least half as long, a window to score."""
 
 
@@ -81,13 +81,13 @@ def _divided(
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
-    long = sum(seconds[k] for k in chosen) >= max(LEAST, 0.5 * share * total)
+    long = sum(seconds[k] for k in chosen) >= max(SHORTEST_HELD_OUT, 0.5 * share * total)
     if len(records) >= 4 and len(chosen) >= fewest and long:
         rest = sorted(set(range(len(records))) - set(chosen))
         return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
-    held = min(max(share * total, LEAST), max(share, 0.5) * total)
-    count = int(np.clip(held / (0.5 * LEAST), 1, MOST_STRETCHES))
-    middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, LEAST_SHARE * total)
+    held = min(max(share * total, SHORTEST_HELD_OUT), max(share, 0.5) * total)
+    count = int(np.clip(held / (0.5 * SHORTEST_HELD_OUT), 1, MOST_STRETCHES))
+    middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, SMALLEST_PART * total)
     pieces = [
         p
         for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
@@ -140,6 +140,6 @@ def leave_out(records: Sequence[Record], stretches: Iterable[tuple[str, float, f
             if name == record.name:
                 acts &= (record.t[1:] < begin - MARGIN) | (record.t[:-1] > end + MARGIN)
         for first, last in _alike(acts):
-            if acts[first] and (last - first == n or (last - first) * record.dt >= SHORTEST):
+            if acts[first] and (last - first == n or (last - first) * record.dt >= SHORTEST_PIECE):
                 kept.append(record.part(first, last))
     return tuple(kept)

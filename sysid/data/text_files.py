@@ -20,7 +20,7 @@ from sysid.physics.ops import Array
 CHUNK = 1 << 24
 """Bytes of text that are turned into numbers at once."""
 DELIMITERS = (",", ";", "\t")
-EMPTY = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "--"})
+EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "--"})
 NO_TEXT = "is not a text file: expected CSV in UTF-8, .npz, .mat, Parquet, or a ROS 2 bag or MCAP"
 
 
@@ -117,7 +117,7 @@ def _numbers(
 
 def _number(cell: str, place: str) -> float:
     text = cell.strip()
-    if text.lower() in EMPTY:
+    if text.lower() in EMPTY_CELLS:
         return math.nan
     try:
         return float(text)

@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 
 from sysid.data.files import path_of, read_file
-from sysid.errors import LONGEST, InvalidInput, described, is_real
+from sysid.errors import LONGEST_SHOWN, InvalidInput, described, is_real
 from sysid.physics.candidates import alternatives
 from sysid.physics.effects import CATALOGUE, Actuator, Effect, JointEffect
 from sysid.physics.model import Model
@@ -102,7 +102,7 @@ def _described(error: BaseException) -> str:
         message = " ".join(str(error).split())
     except BaseException:
         message = ""
-    return f"{type(error).__name__}: {message[:LONGEST]}" if message else type(error).__name__
+    return f"{type(error).__name__}: {message[:LONGEST_SHOWN]}" if message else type(error).__name__
 
 
 def check_effect(kind: type[Effect], source: str) -> None:

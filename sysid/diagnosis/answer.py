@@ -26,8 +26,8 @@ from sysid.planning.planned_experiment import Experiment
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
 
-SCHEMA = "gapfinder/diagnosis/1"
-TOLD = (
+DIAGNOSIS_SCHEMA = "gapfinder/diagnosis/1"
+DIAGNOSIS_FIELDS = (
     *("verdict", "sentence", "doubts", "steps", "conventions", "ranking", "remaining", "not_identifiable", "ruled_out"),
     *("held_out", "torque", "tolerance", "negligible", "unconfirmed", "next_experiment", "seconds"),
     *("shared_error", "alternatives"),
@@ -280,7 +280,7 @@ class Diagnosis:
         """Plain data of schema "gapfinder/diagnosis/1"; errors are held-out, in units of the sensor noise; None stands
         for a number that is not finite."""
         others = {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS_SCHEMA,
             "plant": type(self.model.plant).__name__,
             "parameters": fitted_numbers(self.estimate),
             "noise": told(self.sensor, *CHANNELS),
@@ -292,7 +292,7 @@ class Diagnosis:
             "friction_along_the_motion": self.friction,
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
         }
-        return dict(plain(others)) | told(self, *TOLD)
+        return dict(plain(others)) | told(self, *DIAGNOSIS_FIELDS)
 
     @property
     def sentence(self) -> str:

@@ -22,7 +22,7 @@ from sysid.physics.plants import Plant
 
 PRICE = 9.0
 """Decrease of the deviance that each number of a cause has to bring; noise alone brings it in 3 of 1000 logs."""
-LEAST_SHARE = 0.05
+LEAST_EXPLAINED = 0.05
 """Least share of the squared error beyond the noise that a cause after the first has to explain."""
 LARGE_SHARE = 0.3
 """Share of that error from which other numbers of the model are named as a cause, or a rest as unexplained."""
@@ -96,7 +96,7 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
         effect, alike, found = best
         after = _error(found, error)
         share = (before**2 - after**2) / excess
-        if not share > (LEAST_SHARE if chosen else 0.0):
+        if not share > (LEAST_EXPLAINED if chosen else 0.0):
             break
         chosen.append(Cause(effect, alike, {}, min(share, 1.0), ""))
         before, end = after, found

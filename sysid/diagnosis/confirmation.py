@@ -17,7 +17,7 @@ from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, 
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
-from sysid.estimation.disturbances import NONE, Disturbances
+from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
@@ -100,7 +100,7 @@ class Confirmation:
     @cached_property
     def needed(self) -> Disturbances:
         """The random torque that the model as it came needs; all models are compared under it."""
-        shared = self.search.end(self.base).likeliest_torque if self.widened else NONE
+        shared = self.search.end(self.base).likeliest_torque if self.widened else NO_DISTURBANCE
         return needed_disturbances(self.base, shared)
 
     def error(self, fit: Fit) -> HeldOutError:

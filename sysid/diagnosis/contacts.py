@@ -25,7 +25,7 @@ LEAST_ENERGY_AGAIN = 0.4
 """LEAST_ENERGY in a log of which contacts are left out already: lighter pushes show then."""
 SLIGHT = 0.05
 """Least peak of a contact, as a share of the largest torque that the log shows."""
-STILL = 0.02
+HELD_SPEED = 0.02
 """Share of the RMS speed below which friction holds a joint; one that a hand holds still moves a little."""
 LARGEST_COMMAND = 5.0
 """Mean square of the commands in contacts, over that of the log, from which the drive is the cause, and no hand."""
@@ -35,7 +35,7 @@ SOON = 0.25
 """Time [s] within which the effect of a command's step begins to show, in a torque that is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
 """Probability that by chance so many contacts begin with steps of the command, below which the drive is the cause."""
-SHORTEST_LOG = 8.0
+SHORTEST_OBSERVED = 8.0
 """Length [s] of a log from which it shows what is rare."""
 _NEIGHBOURS = 25
 _APART = 0.5
@@ -70,7 +70,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     Nothing counts that is below `least` [N m], slight beside the torques of the log, or friction of a standing joint.
     """
     samples = fit.samples
-    if len(samples) * samples.dt < SHORTEST_LOG:
+    if len(samples) * samples.dt < SHORTEST_OBSERVED:
         return ()
     known = np.where(samples.follows, torque, np.nan)
     found = [own for own in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, own))]
@@ -95,7 +95,7 @@ def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     """Whether the joint stands for most of a stretch while the missing torque opposes the drive. That is dry friction,
     and the joint's state does not tell how large it is."""
     theta_dot, drive = fit.motion.x[:, 1], np.mean(fit.linearised.drive_torques, axis=1)
-    held = (np.abs(theta_dot) < slow_speed([theta_dot], STILL)) & (torque * drive < 0.0)
+    held = (np.abs(theta_dot) < slow_speed([theta_dot], HELD_SPEED)) & (torque * drive < 0.0)
     return float(np.mean(held[inside])) > 0.5
 
 

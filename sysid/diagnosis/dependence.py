@@ -13,7 +13,7 @@ from sysid.physics.ops import Array
 
 QUANTITIES = ("theta", "theta_dot", "torque", "history", "theta+theta_dot")
 """The quantities that a torque may depend on, the simpler ones first."""
-LEAST_SHARE = 0.2
+LEAST_PREDICTED = 0.2
 """Least share of the torque's mean square that a quantity has to predict on left-out stretches."""
 LEAST_ADVANTAGE = 0.1
 """A later quantity has to predict a share that is larger by this than that of a simpler one."""
@@ -50,7 +50,7 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
     told = [name for name in QUANTITIES if _is_placed(fit) or "theta" not in name.split("+")]
     shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in told}
     for name, share in shares.items():
-        if share > max(LEAST_SHARE, best + LEAST_ADVANTAGE):
+        if share > max(LEAST_PREDICTED, best + LEAST_ADVANTAGE):
             chosen, best = name, share
     on = tuple(chosen.split("+"))
     return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)), shares)

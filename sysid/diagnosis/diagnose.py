@@ -28,7 +28,7 @@ from sysid.diagnosis.search import Search
 from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSettings
 from sysid.errors import InvalidInput, check_kind, items_of
 from sysid.estimation.channels import relied_on
-from sysid.estimation.disturbances import NONE
+from sysid.estimation.disturbances import NO_DISTURBANCE
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
@@ -156,7 +156,7 @@ def _searched(
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
         perhaps = restarts_left and not end.undisturbed
-        beside = NONE if end.samples.driven else end.disturbances
+        beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
         found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
         rest = _without(found, records)

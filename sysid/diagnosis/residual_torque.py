@@ -17,7 +17,7 @@ from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, 
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import MEMORIES, NONE, Disturbances
+from sysid.estimation.disturbances import CORRELATION_TIMES, NO_DISTURBANCE, Disturbances
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import SIGMA_99, likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
@@ -28,7 +28,7 @@ from sysid.physics.ops import Array
 
 CORRELATION_TIME = 0.1
 """Correlation time [s] of d where models are compared, and where the largest d that a log could hide is found."""
-SETTINGS = Settings(shared_error=False)
+WITHOUT_SHARED_ERROR = Settings(shared_error=False)
 """Settings without an error of the angle that neighbouring readings share: all that readings show counts as motion."""
 _FLOOR = np.array([-40.0, -40.0])
 _BINS = 24
@@ -241,12 +241,17 @@ def followed(samples: Samples, model: Model) -> Fit:
     """Fit only the size and the correlation time of the random torque beside a model; raises InvalidInput if the model
     runs away within one sample."""
     prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
-    begun = fit_parameters(samples, model, (), disturbances=prior, settings=SETTINGS)
+    begun = fit_parameters(samples, model, (), disturbances=prior, settings=WITHOUT_SHARED_ERROR)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
-    trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
+    trials = (begun.disturbances.with_memory(T) for T in CORRELATION_TIMES)
     return fit_parameters(
-        samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, shared_error=False), SETTINGS
+        samples,
+        model,
+        (),
+        begun,
+        maximum_likelihood(begun.linearised.system, trials, shared_error=False),
+        WITHOUT_SHARED_ERROR,
     )
 
 
@@ -284,7 +289,7 @@ def _root_mean_square(values: Array) -> float:
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
-def needed_disturbances(base: Fit, beside: Disturbances = NONE) -> Disturbances:
+def needed_disturbances(base: Fit, beside: Disturbances = NO_DISTURBANCE) -> Disturbances:
     """The likeliest random torque beside a fitted model, with T = CORRELATION_TIME and the error that readings share
     in `beside`, by default none.
 

@@ -30,8 +30,7 @@ from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled, without_free
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.estimation.solver import DEFAULT as THOROUGH
-from sysid.estimation.solver import QUICK, Settings, fit_parameters
+from sysid.estimation.solver import QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 

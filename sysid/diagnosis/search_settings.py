@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sysid.errors import InvalidInput
-from sysid.estimation.prediction import BLOCKS, WINDOW
+from sysid.estimation.prediction import BLOCKS, HORIZON
 
 SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
 """Shortest and longest horizon [s] that can be asked for."""
@@ -136,7 +136,7 @@ class SearchSettings:
     @property
     def ahead(self) -> float:
         """The horizon [s]; a second if none is asked for."""
-        return WINDOW if self.horizon is None else self.horizon
+        return HORIZON if self.horizon is None else self.horizon
 
 
 DEFAULT = SearchSettings()

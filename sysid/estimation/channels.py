@@ -18,7 +18,7 @@ COMPARED_OVER = 0.1
 """Time [s] over which the speed is compared with the slope of the angle's readings."""
 LARGEST_ERROR = 2.0
 """Error of the speed's mean over that time, in units of the slope's: at 2 it holds a fifth of what is known."""
-LARGEST_MISFIT = 3.0
+LARGEST_ANGLE_MISFIT = 3.0
 """Mean square by which the integral of a true speed misses the angle's change at most, over what the noises explain."""
 LARGEST_CORRELATION = 1.15
 """Ratio of a speed's errors in all to those from sample to sample from which the errors were filtered, too."""
@@ -43,10 +43,10 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     mean = sensor.theta_dot / math.sqrt(count)
     if mean > LARGEST_ERROR * slope:
         return replace(sensor, theta_dot=None)
-    if _missed(records, sensor)[0] < LARGEST_MISFIT:
+    if _missed(records, sensor)[0] < LARGEST_ANGLE_MISFIT:
         return sensor
     excess, off = _missed(records, sensor, filtered=True)
-    described = excess < LARGEST_MISFIT and off < LARGEST_OFFSET and _white(records)
+    described = excess < LARGEST_ANGLE_MISFIT and off < LARGEST_OFFSET and _white(records)
     return sensor if described else replace(sensor, theta_dot=None)
 
 

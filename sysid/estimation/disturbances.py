@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.physics.ops import Array
 
-MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+CORRELATION_TIMES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Correlation times [s] of d that are tried; the likeliest is reported."""
 
 
@@ -48,4 +48,4 @@ class Disturbances:
         return factor, variance * (1.0 - factor**2), variance
 
 
-NONE = Disturbances(0.0)
+NO_DISTURBANCE = Disturbances(0.0)

@@ -15,7 +15,7 @@ from sysid.errors import InvalidInput, is_real
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-TOLD = (
+ESTIMATE_FIELDS = (
     *("method", "values", "units", "sd", "covariance", "noise", "success", "status", "cost", "random_torque"),
     *("correlation_time", "n_readings", "at_bound", "ambiguous"),
 )
@@ -129,7 +129,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        return told(self, *TOLD)
+        return told(self, *ESTIMATE_FIELDS)
 
     def __repr__(self) -> str:
         parameters = self.model.parameters

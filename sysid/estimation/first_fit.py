@@ -9,7 +9,7 @@ from dataclasses import replace
 from sysid.estimation.initial_guess import coasting_guess, initial_guesses, limited_guess
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
+from sysid.estimation.prediction import BLOCKS, HORIZON, left_out_errors
 from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
@@ -20,7 +20,7 @@ COMMON = ("viscous", "coulomb", "torque_bias")
 """Effects that a first fit adds to the plant, so that friction and an offset do not bend inertia and gravity."""
 ALIKE = 0.05
 """Relative difference of two inertias up to which fits from two guesses have ended at the same optimum."""
-MEMORIES = (0.01, 0.1, 1.0)
+FIRST_CORRELATION_TIMES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: from nearly white to the length of a prediction."""
 
 
@@ -82,9 +82,12 @@ def with_best_memory(found: Fit) -> Fit:
     which parameters are the machine's: another T is taken if they are better by more than their standard error.
     """
     likely = with_likely_shared_error(found)
-    fits = [fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
+    fits = [
+        fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T))
+        for T in FIRST_CORRELATION_TIMES
+    ]
     best = min(fits, key=lambda own: own.deviance)
-    errors = {id(own): left_out_errors(own, WINDOW, BLOCKS) for own in fits}
+    errors = {id(own): left_out_errors(own, HORIZON, BLOCKS) for own in fits}
     for own in sorted(fits, key=lambda own: errors[id(own)].ratio):
         gain, sd = errors[id(own)].gain(errors[id(best)])
         if gain > sd:
@@ -96,7 +99,7 @@ def _with_finer_memory(found: Fit) -> Fit:
     """The fit with a correlation time between those that were tried, if that is likelier by more than chance. With a
     wrong one, slow or fast errors are blamed on the parameters, and their intervals are too narrow."""
     system, now = found.linearised.system, found.disturbances
-    between = [T for T in (now.T / 3.0, now.T * 3.0) if MEMORIES[0] < T < MEMORIES[-1]]
+    between = [T for T in (now.T / 3.0, now.T * 3.0) if FIRST_CORRELATION_TIMES[0] < T < FIRST_CORRELATION_TIMES[-1]]
     likely = maximum_likelihood(system, map(now.with_memory, between))
     if found.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
         return found

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.data.record import Record, check_direct
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import NONE
+from sysid.estimation.disturbances import NO_DISTURBANCE
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
@@ -61,5 +61,5 @@ def fisher_information(
     rolled = Response(model, samples.records, sensor, cut(samples.records)).states(np.asarray(starts, dtype=float))
     x = np.concatenate([states[: len(r) + 1] for states, r in zip(rolled, samples.records, strict=True)])
     along = LinearisedModel(samples, model, Motion(x, np.zeros(len(x)), np.zeros((len(x), 3))))
-    Z = along.system.filter(NONE).whiten(*along.changes(names))
+    Z = along.system.filter(NO_DISTURBANCE).whiten(*along.changes(names))
     return Z.T @ Z

@@ -24,7 +24,7 @@ HEAD = 1.0
 """Length [s] of the head of a long window to which its state is refitted first."""
 REFITS = 16
 """Most linearisations while the windows' states are refitted; a good model takes three."""
-NEGLIGIBLE = 1e-3
+NEGLIGIBLE_DECREASE = 1e-3
 """A window's refit ends when a step lowers its cost, half the sum of squares, by less than this times the larger of 1
 and a tenth of the cost."""
 
@@ -167,7 +167,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
     cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
     for _ in range(most):
         step, promised = _steps(at, damping, response.reach)
-        least = NEGLIGIBLE * np.maximum(1.0, 0.1 * cost)
+        least = NEGLIGIBLE_DECREASE * np.maximum(1.0, 0.1 * cost)
         open_ = (promised > least) & ~stalled & (damping < 1e3)
         own = np.flatnonzero(open_)
         if not len(own):

@@ -11,14 +11,20 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.torque_regression import SURELY, IntegratedMotion, regression, telling_motion, weight_along
+from sysid.estimation.torque_regression import (
+    SURE_COEFFICIENT,
+    IntegratedMotion,
+    regression,
+    telling_motion,
+    weight_along,
+)
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-FEWEST = 40
+FEWEST_SERVO_SAMPLES = 40
 """Least number of samples of a record that show how a servo follows its command."""
-SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
+SLOWEST, FASTEST, FREQUENCIES, DAMPING_RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
 """Grid for a servo: so many natural frequencies from 3 rad/s to 2 rad per sample, and these damping ratios."""
 WELL_EXPLAINED = 0.8
 """Explained share of the speed's changes from which an inertia of one standard error counts; and share of the torque
@@ -104,7 +110,7 @@ def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record]
     found = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)
     left, before = 1.0 - found.share, 1.0 - regression(terms.columns, terms.speed_change).share
     weight, torque, *_, driven = zip(found.value, found.sd, strict=True)
-    sure = [value > SURELY * sd for value, sd in (weight, torque, driven)]
+    sure = [value > SURE_COEFFICIENT * sd for value, sd in (weight, torque, driven)]
     if not (left < LESS * before and all(sure[1:])):
         return None
     shown = {"1/J": torque[0]} | ({"G/J": weight[0]} if model.plant.turns and sure[0] else {})
@@ -144,10 +150,10 @@ def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]
     A static load's deflection, g sin(theta) + offset, is taken out first. If the inertia is known, k_p follows from it.
     """
     servo = model.actuator
-    read = [r for r in records if r.has_angles and len(r) >= FEWEST]
+    read = [r for r in records if r.has_angles and len(r) >= FEWEST_SERVO_SAMPLES]
     if servo is None or not read:
         return model
-    grid = itertools.product(np.geomspace(SLOWEST, FASTEST / model.dt, FREQUENCIES), RATIOS)
+    grid = itertools.product(np.geomspace(SLOWEST, FASTEST / model.dt, FREQUENCIES), DAMPING_RATIOS)
     # steps of dt have to be able to follow the faster mode of an overdamped loop, too
     slow = [(w, z) for w, z in grid if w * (z + math.sqrt(max(z * z - 1.0, 0.0))) <= FASTEST / model.dt]
     _, g, w, z = min((*_unexplained(model, read, w, z), w, z) for w, z in slow)

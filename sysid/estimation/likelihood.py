@@ -13,9 +13,9 @@ from sysid.physics.ops import Array
 
 IDLE = 5.0
 """If s = 0 would lower the deviance by less than this, it is tried at once, and s need not shrink step by step."""
-HOPELESS = 30.0
+GIVEN_UP_ABOVE = 30.0
 """Disturbances whose deviance is this much above the best are given up: no further move makes up for that."""
-NEGLIGIBLE = 0.01
+NEGLIGIBLE_GAIN = 0.01
 """A step is not worth taking if twice the decrease of the deviance that it promises is below this."""
 
 SIGMA_99 = 2.5758
@@ -42,7 +42,7 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
     trials = [now, *map(moved, unit), *map(moved, -unit)]
     up, down = (np.array([own.deviance for own in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
     slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
-    if np.all(slope**2 <= NEGLIGIBLE * np.diag(curvature)):
+    if np.all(slope**2 <= NEGLIGIBLE_GAIN * np.diag(curvature)):
         return now
     if len(free) == 2:
         both = (moved(unit[0] + unit[1]).deviance - up[0] - up[1] + here) / h**2
@@ -71,7 +71,7 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], sha
     for _ in range(3):
         trials = [likelihood_ascent(own, floor, shared_error) for own in trials]
         best = min(trials, key=lambda own: own.deviance)
-        trials = [own for own in trials if own.deviance <= best.deviance + HOPELESS]
+        trials = [own for own in trials if own.deviance <= best.deviance + GIVEN_UP_ABOVE]
     return best.disturbances
 
 

@@ -16,13 +16,13 @@ from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-WINDOW, BLOCKS = 1.0, 8
+HORIZON, BLOCKS = 1.0, 8
 """Horizon [s] of a prediction, and number of stretches of a log that are left out in turn."""
-SHORTEST = 0.3
+SHORTEST_PREDICTION = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
 PERIODS, MOST_PERIODS = 5, 20
 """Fewest and most periods of a free swing over which it is predicted, if the record shows the fewest."""
-SURELY = 2.0
+SURE_GAIN = 2.0
 """Standard errors from zero at which the mean gain over the windows is sure."""
 RUNS_AWAY = 1e3
 """A model runs away in a window if its squared error there is so many times that of the other model."""
@@ -55,7 +55,7 @@ class PredictionErrors:
         mean = float(np.mean(apart))
         sd = float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
         worst = int(np.argmax(self.squares - other.squares))
-        spared = mean > SURELY * sd and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
+        spared = mean > SURE_GAIN * sd and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
         own, others = (float(np.sum(np.delete(e.squares, worst) if spared else e.squares)) for e in (self, other))
         if own > others:
             mean = min(mean, -abs(math.log(own / max(others, 1e-300))))
@@ -68,16 +68,16 @@ def telling_horizon(records: Sequence[Record]) -> float:
     longest = max(records, key=len)
     read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
     if read is None or any(r.driven for r in records):
-        return WINDOW
+        return HORIZON
     motion = read - np.mean(read)
     periods = int(np.argmax(np.abs(np.fft.rfft(motion))))
     seconds = len(longest) * longest.dt
     if periods < PERIODS:
-        return WINDOW
+        return HORIZON
     period, sizes = seconds / periods, [np.std(part) for part in np.array_split(motion, periods // 2)]
     rate = -np.polyfit(np.arange(len(sizes)), np.log(np.maximum(sizes, 1e-300)), 1)[0] * len(sizes) / seconds
     halved = math.log(2.0) / max(rate, 1e-9)
-    return max(WINDOW, float(f"{np.clip(halved, PERIODS * period, MOST_PERIODS * period):.2g}"))
+    return max(HORIZON, float(f"{np.clip(halved, PERIODS * period, MOST_PERIODS * period):.2g}"))
 
 
 def foreseeable(model: Model, records: Sequence[Record]) -> float:
@@ -109,7 +109,7 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
-    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)), lead)
+    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST_PREDICTION, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     records, sensor = fit.samples.records, fit.samples.sensor
     # where memories have to fill first, every block needs the states of the whole log: they are found once

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.disturbances import MEMORIES, NONE, Disturbances
+from sysid.estimation.disturbances import CORRELATION_TIMES, NO_DISTURBANCE, Disturbances
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import maximum_likelihood
@@ -162,15 +162,15 @@ class Fit:
 
     @cached_property
     def likeliest_torque(self) -> Disturbances:
-        """The disturbances under which the log is likeliest, given these numbers; NONE if it needs none.
+        """The disturbances under which the log is likeliest, given these numbers; NO_DISTURBANCE if it needs none.
 
         They hold no random torque if an error of the angle alone does as well. The fit's own disturbances may have
         another correlation time, under which its numbers predict better.
         """
         if self.undisturbed:
-            return NONE
+            return NO_DISTURBANCE
         system = self.linearised.system
-        found = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in MEMORIES))
+        found = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in CORRELATION_TIMES))
         still = maximum_likelihood(system, [replace(found, s=0.0)])
         needed = system.filter(still).deviance - system.filter(found).deviance >= NUMBERS_GAIN
         return found if needed else still

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import DEFAULT as THOROUGH
-from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
+from sysid.estimation.solver import THOROUGH, Settings, fit_parameters, large_disturbances
 from sysid.physics.effects import Effect
 
 

@@ -37,11 +37,11 @@ from sysid.physics.model import Model
 from sysid.physics.parameters import Parametric
 from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
-SCHEMA = "gapfinder/model/1"
-PLANTS: dict[str, type[Plant]] = {
+MODEL_SCHEMA = "gapfinder/model/1"
+PLANT_CLASSES: dict[str, type[Plant]] = {
     kind.__name__: kind for kind in (RodPendulum, PointMassPendulum, GeneralJoint, LinearAxis)
 }
-INTEGRATORS: dict[str, type[Integrator]] = {kind.__name__: kind for kind in (RK4, SemiImplicitEuler)}
+INTEGRATOR_CLASSES: dict[str, type[Integrator]] = {kind.__name__: kind for kind in (RK4, SemiImplicitEuler)}
 
 Part = TypeVar("Part")
 
@@ -140,11 +140,11 @@ def to_dict(answer: Model | Estimate) -> dict[str, Any]:
         raise InvalidInput(f"what is to be saved is {came}: expected a Model or an Estimate")
     estimate = answer if isinstance(answer, Estimate) else None
     model = answer if isinstance(answer, Model) else answer.model
-    for part, ours in ((model.plant, PLANTS), (model.integrator, INTEGRATORS)):
+    for part, ours in ((model.plant, PLANT_CLASSES), (model.integrator, INTEGRATOR_CLASSES)):
         if ours.get(type(part).__name__) is not type(part):
             raise InvalidInput(f"{type(part).__name__} cannot be saved: expected one of {', '.join(ours)}")
     return {
-        "schema": SCHEMA,
+        "schema": MODEL_SCHEMA,
         "plant": {"name": type(model.plant).__name__, "parameters": _parameters(model.plant, model.plant)},
         "effects": [
             {"name": e.name, "parameters": _parameters(e, model.plant), "settings": _settings(e)} for e in model.effects
@@ -184,14 +184,14 @@ def _fields(part: Any, but: Collection[str] = ()) -> dict[str, Any]:
 def from_dict(data: Any) -> SavedModel:
     """The inverse of `to_dict`. Raises InvalidInput for another schema and for missing or unknown entries."""
     if not isinstance(data, dict) or not str(data.get("schema", "")).startswith("gapfinder/"):
-        raise InvalidInput(f'it is no model of ours: expected "schema": "{SCHEMA}"')
-    if data["schema"] != SCHEMA:
-        raise InvalidInput(f'its schema is "{data["schema"]}": this version reads "{SCHEMA}"')
+        raise InvalidInput(f'it is no model of ours: expected "schema": "{MODEL_SCHEMA}"')
+    if data["schema"] != MODEL_SCHEMA:
+        raise InvalidInput(f'its schema is "{data["schema"]}": this version reads "{MODEL_SCHEMA}"')
     plant, integrator = mapping(data, "plant"), mapping(data, "integrator")
     model = Model(
-        plant=_part(_choice(PLANTS, plant, "plant"), plant),
+        plant=_part(_choice(PLANT_CLASSES, plant, "plant"), plant),
         effects=tuple(_part(_effect_kind(text(e, "name")), e) for e in sequence(data, "effects")),
-        integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), mapping(integrator, "settings")),
+        integrator=_build(_choice(INTEGRATOR_CLASSES, integrator, "integrator"), mapping(integrator, "settings")),
         dt=number_in(data, "dt"),
         u_max=number_in(data, "u_max", math.inf),
     )

@@ -58,13 +58,13 @@ class Settings:
     torque: float = 10.0
 
 
-DEFAULT = Settings()
+THOROUGH = Settings()
 
 ASTRAY = 0.1
 """A fit that has not converged and ends above its best by this deviance per reading has lost its way."""
 CALM = 8
 """A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
-STILL = 4
+SETTLED_STEPS = 4
 """A fit has ended after so many settled steps in a row, although the deviance may still change where a joint sticks."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, shared_error=False)
 """Settings for a candidate that is only compared with others."""
@@ -77,7 +77,7 @@ def fit_parameters(
     names: Sequence[str],
     near: Fit | None = None,
     disturbances: Disturbances | None = None,
-    settings: Settings = DEFAULT,
+    settings: Settings = THOROUGH,
 ) -> Fit:
     """Find the likeliest parameters, beginning at the model's numbers.
 
@@ -145,7 +145,7 @@ class _Progress:
         the sizes of the disturbances still change."""
         settings = self.settings
         self.still = self.still + 1 if moved < settings.settled and not restless else 0
-        if self.still >= STILL or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):
+        if self.still >= SETTLED_STEPS or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):
             return True
         self.before = deviance
         if moved < settings.wanders and abs(deviance - self.began) < 1.0:

@@ -16,15 +16,15 @@ from sysid.estimation.smoothed_start import smooth_states
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-SPAN = 0.2
+INTEGRATION_SPAN = 0.2
 """Seconds over which the equation of motion is integrated: unintegrated, it would drown in an acceleration's noise."""
 EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
-"""If SPAN explains less than this share of the speed's changes, these times are tried, too: a step may be quicker."""
-STANDS = 0.05
+"""If that explains less than this share of the speed's changes, these times are tried, too: a step may be quicker."""
+STANDING_SPEED = 0.05
 """Share of the RMS speed below which a joint counts as standing; friction then may be whatever holds it."""
-MOST = 20_000
+MOST_REGRESSED = 20_000
 """Most samples of a log that are used."""
-SURELY = 3.0
+SURE_COEFFICIENT = 3.0
 """Standard errors from 0 at which a coefficient of the regression is sure."""
 ONE_SPEED = 0.2
 """Relative spread below which the speeds in one direction (between their 10 % and 90 % quantiles) are nearly one."""
@@ -74,7 +74,7 @@ def integrated_motion(
     names: Sequence[str],
     records: Sequence[Record],
     sensor: Sensor,
-    seconds: float = SPAN,
+    seconds: float = INTEGRATION_SPAN,
     slow: float = 0.0,
 ) -> IntegratedMotion:
     """The equation of motion, integrated over so many `seconds`, or over a radian of a swing if that is shorter.
@@ -85,10 +85,10 @@ def integrated_motion(
     A gravity that none of the free `names` determines is part of tau: along a sine a free one is as good as an inertia.
 
     Spans count in which the joint moves faster than
-    `slow` [rad/s] and than STANDS of its record's RMS speed. A record shorter than four spans gives none.
+    `slow` [rad/s] and than STANDING_SPEED of its record's RMS speed. A record shorter than four spans gives none.
     """
     rows, targets, reach = [np.zeros((0, 6))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
-    parts = first_samples(records, MOST)
+    parts = first_samples(records, MOST_REGRESSED)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
     for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
         radian = float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
@@ -174,7 +174,7 @@ class FrictionAlong:
     def shows_inertia(self) -> bool:
         """Whether the torque surely changes with the acceleration."""
         value, sd = self.inertia
-        return value > SURELY * sd
+        return value > SURE_COEFFICIENT * sd
 
 
 def friction_along(
@@ -209,7 +209,7 @@ def friction_along(
 
 def _shows_friction(found: Regression) -> bool:
     """Whether viscous or dry friction is surely there."""
-    return max(number - SURELY * sd for number, sd in zip(found.value[:2], found.sd[:2], strict=True)) > 0.0
+    return max(number - SURE_COEFFICIENT * sd for number, sd in zip(found.value[:2], found.sd[:2], strict=True)) > 0.0
 
 
 def _is_one_way(motion: IntegratedMotion) -> bool:
@@ -240,7 +240,7 @@ def _of_the_torque(
     return np.column_stack([-less_speed, -less_sign, constant, motion.speed_change, weight]), torque
 
 
-def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:
+def slow_speed(theta_dot: Sequence[Array], share: float = STANDING_SPEED) -> float:
     """The speed [rad/s] below which a joint stands: a `share` of its RMS speed."""
     return share * math.sqrt(float(np.mean(np.concatenate(theta_dot) ** 2))) if theta_dot else 0.0
 

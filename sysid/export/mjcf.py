@@ -17,7 +17,7 @@ from sysid.physics.effects.disturbance import TorqueBias
 from sysid.physics.effects.load import Tilt
 from sysid.physics.model import Model
 
-STEP, FRICTION_STEP = 1e-3, 2.5e-4
+SMOOTH_STEP, FRICTION_STEP = 1e-3, 2.5e-4
 """The longest step [s] of a file of our own, without and with dry friction."""
 OPTION = {"integrator": "RK4", "iterations": "50", "tolerance": "1e-12"}
 SHAPE = {"type": "capsule", "contype": "0", "conaffinity": "0"}
@@ -76,7 +76,7 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
 
 
 def _step(own: Mechanism, dt: float) -> float:
-    return dt / math.ceil(dt / (FRICTION_STEP if own.friction else STEP) - 1e-9)
+    return dt / math.ceil(dt / (FRICTION_STEP if own.friction else SMOOTH_STEP) - 1e-9)
 
 
 # ---- a file of our own -----------------------------------------------------------------------------------------------

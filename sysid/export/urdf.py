@@ -13,7 +13,7 @@ from sysid.physics.effects.friction import Coulomb, Viscous
 from sysid.physics.effects.load import RotorInertia, Tilt
 from sysid.physics.model import Model
 
-SAID = {Viscous, BackEmf, Coulomb, RotorInertia, Tilt, Saturation}
+URDF_EFFECTS = {Viscous, BackEmf, Coulomb, RotorInertia, Tilt, Saturation}
 """The effects that URDF has words for."""
 
 
@@ -40,7 +40,7 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
         For a model of many machines, and a name that is no text.
     """
     check_kind("joint", joint, str, "its name, such as 'hinge'")
-    return Exported("URDF", text_of(_document(mechanism(model), joint)), unsaid_effects(model, SAID, "URDF"))
+    return Exported("URDF", text_of(_document(mechanism(model), joint)), unsaid_effects(model, URDF_EFFECTS, "URDF"))
 
 
 def _document(own: Mechanism, joint: str) -> Element:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import NONE, Disturbances
+from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error
@@ -66,7 +66,7 @@ class Conditions:
 
     limits: Limits
     sensor: Sensor
-    disturbances: Disturbances = NONE
+    disturbances: Disturbances = NO_DISTURBANCE
 
     def louder(self, share: Mapping[str, float]) -> Conditions:
         """The same with the noise of each channel multiplied by its `share`."""
@@ -84,7 +84,7 @@ class Conditions:
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
         for own in ranked:
-            bare = fit_parameters(own.samples, own.model, own.names, own, NONE, KNOWN)
+            bare = fit_parameters(own.samples, own.model, own.names, own, NO_DISTURBANCE, KNOWN)
             louder = self._with_noise_of(bare)
             samples = Samples(own.model, own.samples.records, louder.sensor)
             if fit_parameters(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
@@ -93,7 +93,7 @@ class Conditions:
 
     def _with_noise_of(self, found: Fit) -> Conditions:
         """The same with at least the noise that a fit's innovations show without disturbances."""
-        e, read = found.linearised.system.filter(NONE).innovations, found.samples.weight > 0.0
+        e, read = found.linearised.system.filter(NO_DISTURBANCE).innovations, found.samples.weight > 0.0
         at = {c: e[read[:, k], k] for k, c in enumerate(CHANNELS) if np.any(read[:, k])}
         return self.louder({channel: max(1.0, float(np.sqrt(np.mean(own**2)))) for channel, own in at.items()})
 

@@ -37,7 +37,7 @@ from sysid.planning.design import (
 )
 from sysid.planning.excitation import Limits, rest_angle
 from sysid.planning.non_torque_experiments import never, non_torque_experiment
-from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Contest, Experiment
+from sysid.planning.planned_experiment import DECISIVE, LEAST_EVIDENCE, Contest, Experiment
 from sysid.planning.rival_effects import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
 
 
@@ -190,7 +190,7 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
     notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
     pool = _best(hypotheses, asked, conditions, rng)
     contests = contested(pool, asked)
-    hopeless = {(c.truth, c.rival) for c in contests if c.after < HOPELESS}
+    hopeless = {(c.truth, c.rival) for c in contests if c.after < LEAST_EVIDENCE}
     others = tuple(c for c in asked if (c.truth, c.rival) not in hopeless)
     if not others:
         return non_torque_experiment(hypotheses[0].model, names, min(c.after for c in contests))

@@ -14,7 +14,7 @@ from sysid.data.json_file import told
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
-SCHEMA = "gapfinder/experiment/1"
+EXPERIMENT_SCHEMA = "gapfinder/experiment/1"
 SHOWN = (
     *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
     *("start", "reach", "speed", "contests"),
@@ -22,7 +22,7 @@ SHOWN = (
 """The attributes of an experiment that its plain data hold as they are."""
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
-HOPELESS = 0.5
+LEAST_EVIDENCE = 0.5
 """An experiment with less evidence is not worth playing: more than thirty of it would be needed to decide."""
 
 
@@ -112,7 +112,7 @@ class Experiment:
         """How often to play it until the evidence decides; None: never. Evidence grows at least in proportion."""
         if self.measure != "evidence" or self.after is None:
             return 1
-        return math.ceil(DECISIVE / self.after) if self.after >= HOPELESS else None
+        return math.ceil(DECISIVE / self.after) if self.after >= LEAST_EVIDENCE else None
 
     @property
     def gain(self) -> float | None:
@@ -125,7 +125,7 @@ class Experiment:
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
         return told(self, *SHOWN) | {
-            "schema": SCHEMA,
+            "schema": EXPERIMENT_SCHEMA,
             "rollouts": len(self.u),
             "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
             "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,

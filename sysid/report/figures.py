@@ -28,7 +28,7 @@ from sysid.report.typesetting import typeset_multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-LEAST = 0.1
+LOWEST_RATIO = 0.1
 """Multiple of the noise at which windows with less are drawn: where a joint rests there is hardly an error."""
 
 
@@ -226,7 +226,7 @@ def command(found: Prediction, axes: Axes) -> None:
 
 
 def fall(answer: Diagnosis) -> Figure:
-    """The held-out error after each step, down to the noise; small dots are single windows, at `LEAST` where less."""
+    """The held-out error after each step, down to the noise; small dots are windows, at `LOWEST_RATIO` where less."""
     return drawn(WIDE, 3.3 if answer.steps or answer.conventions else 2.3, lambda axes: fall_in(axes, answer))
 
 
@@ -247,7 +247,7 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
     values = [answer.base_error.ratio, *(s.error_after for s in steps)]
     clouds = {0: answer.base_error} | ({len(steps): answer.error} if steps else {})
     for x, error in clouds.items():
-        ratios = [max(w.ratio, LEAST) for w in error.windows if math.isfinite(w.ratio)]
+        ratios = [max(w.ratio, LOWEST_RATIO) for w in error.windows if math.isfinite(w.ratio)]
         ratios = ratios[:: max(1, len(ratios) // 200)]
         shift = np.linspace(-0.16, 0.16, len(ratios)) if len(ratios) > 1 else np.zeros(len(ratios))
         axes.plot(x + shift, ratios, "o", color=style.GREY, alpha=0.5, markersize=3.5, markeredgewidth=0.0, zorder=1)

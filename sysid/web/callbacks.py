@@ -18,7 +18,7 @@ from sysid.web.layout import STAMPED
 from sysid.web.log_part import SETTINGS, preview
 from sysid.web.session import Answer, Session
 
-QUICK, SLOW = 400, 3_000
+BUSY_INTERVAL, IDLE_INTERVAL = 400, 3_000
 """How often [ms] the page asks what is new, while something is under way and else."""
 
 
@@ -89,7 +89,7 @@ class PageCallbacks:
         if own is None and name:
             now = html.P(self.bench.sessions.refusal(name), className="error")
         new = [no_update if stamps[p] == s else stamps[p] for p, s in zip(STAMPED, seen, strict=True)]
-        return [*new, now, QUICK if own is not None and self.bench.busy(own) else SLOW]
+        return [*new, now, BUSY_INTERVAL if own is not None and self.bench.busy(own) else IDLE_INTERVAL]
 
     def part(self, name: str, _: Any, search: str | None) -> Any:
         return self.bench.part(name, self.session(search))

@@ -18,7 +18,7 @@ from sysid.estimation.likelihood import SIGMA_99
 from sysid.physics.ops import Array
 from sysid.report.typesetting import typeset_multiple
 
-MOST = 5_000
+MOST_POINTS = 5_000
 """Points of a series that a page is sent."""
 MARKED = 400
 """Points of a selection that are marked in each picture."""
@@ -67,7 +67,9 @@ def within(s: Series, region: Mapping[str, tuple[float, float]]) -> NDArray[np.b
     return inside
 
 
-def thinned(t: Array, y: Array, most: int = MOST, begin: float = -np.inf, end: float = np.inf) -> tuple[Array, Array]:
+def thinned(
+    t: Array, y: Array, most: int = MOST_POINTS, begin: float = -np.inf, end: float = np.inf
+) -> tuple[Array, Array]:
     """At most `most` points of a series within [begin, end]: of each stretch its smallest and its largest value."""
     first, last = np.searchsorted(np.nan_to_num(t, nan=np.inf), [begin, end]) if np.isfinite(begin) else (0, len(t))
     t, y = t[max(first - 1, 0) : last + 1], y[max(first - 1, 0) : last + 1]
@@ -142,7 +144,7 @@ def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = n
     read, said = (np.where(np.isnan(d), np.nan, s[f"{channel}_{of}"]) for of in ("read", "predicted"))
     found = []
     for k, line in enumerate((read, said, d - half, d + half, d)):  # nan at a rollout's last sample, where lines end
-        t, y = thinned(s["t"], line, MOST if k < LOW else MOST // 2, begin, end)
+        t, y = thinned(s["t"], line, MOST_POINTS if k < LOW else MOST_POINTS // 2, begin, end)
         found.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
     return found
 

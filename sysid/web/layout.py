@@ -23,7 +23,7 @@ TITLES = {"log": "Log", "fails": "Where it fails", "effects": "What is missing",
 """The five sections, in the order in which they are read."""
 STAMPED = (*TITLES, "train")
 """What is shown anew when it changes; a training has a place of its own in the last section."""
-NOTHING = {
+PLACEHOLDERS = {
     "fails": "Here is shown how far a model is off, and where, once one is fitted to a log.",
     "effects": "Here stand the effects that would explain it, the best first.",
     "ladder": "Here the error falls, effect by effect, down to the noise of the sensors.",
@@ -71,7 +71,7 @@ def section(part: str, *more: Any) -> html.Section:
 
 def nothing(part: str) -> html.P:
     """What a section shows before there is anything."""
-    return html.P(NOTHING[part], className="quiet")
+    return html.P(PLACEHOLDERS[part], className="quiet")
 
 
 def folded(summary: str, items: Sequence[Any]) -> list[Any]:

@@ -47,9 +47,9 @@ OPERATIONS: dict[type[ast.AST], Callable[..., Value]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
 }
-REACH = (-1e6, 1e6)
+SIZE_BOUNDS = (-1e6, 1e6)
 """What the size of a formula may be."""
-LONGEST, DEEPEST, MOST_NUMBERS, LARGEST_POWER = 400, 24, 6, 8
+LONGEST_FORMULA, DEEPEST, MOST_NUMBERS, LARGEST_POWER = 400, 24, 6, 8
 MODULE = f"{__name__}:made"
 """The module that effects made here say they come from: it is no file."""
 
@@ -100,8 +100,10 @@ def effects_file(own: Sequence[OwnEffect], effects: Path | None) -> str:
 def parsed_formula(formula: str) -> ast.expr:
     """The formula as a tree of what is allowed; raises InvalidInput, with what is not."""
     text = formula.partition("=")[2] if formula.strip().startswith("tau") and "=" in formula else formula
-    if not text.strip() or len(text) > LONGEST:
-        raise InvalidInput(f"the formula has {len(text)} characters: expected 1 to {LONGEST}, as in -b * theta_dot")
+    if not text.strip() or len(text) > LONGEST_FORMULA:
+        raise InvalidInput(
+            f"the formula has {len(text)} characters: expected 1 to {LONGEST_FORMULA}, as in -b * theta_dot"
+        )
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -188,7 +190,7 @@ def _numbers(tree: ast.AST, values: str) -> dict[str, dict[str, Any]]:
         raise InvalidInput(
             "no number of the formula makes it vanish at 0: expected a size before it, as in a * sin(theta)"
         )
-    size = {"default": 0.0, "unit": "1", "bounds": REACH, "neutral": 0.0}
+    size = {"default": 0.0, "unit": "1", "bounds": SIZE_BOUNDS, "neutral": 0.0}
     return {
         n: size if n in sizes else
         {"default": shapes[n][0], "unit": "1", "bounds": _bounds(shapes[n]), "probe": shapes[n]}

@@ -47,7 +47,7 @@ from sysid.web.own_effect import effects_file
 from sysid.web.script import begun_with
 from sysid.web.session import Answer, Session
 
-STEP = replace(DEFAULT, steps=1)
+ONE_STEP = replace(DEFAULT, steps=1)
 """One addition at a time: the next one is chosen by whoever looks at the page."""
 
 
@@ -113,7 +113,7 @@ class Work:
     def diagnosis(self) -> Diagnosis:
         """What it lacks next."""
         t = self.task
-        return diagnose(self.estimate, t.log, t.sensor, self.state.log.hold_out, settings=STEP)
+        return diagnose(self.estimate, t.log, t.sensor, self.state.log.hold_out, settings=ONE_STEP)
 
     def _fit(self) -> None:
         task = self.task

@@ -35,7 +35,7 @@ from sysid import (
     simulate,
 )
 from sysid.data.splitting import split
-from sysid.diagnosis.answer import SCHEMA
+from sysid.diagnosis.answer import DIAGNOSIS_SCHEMA
 from sysid.diagnosis.confirmation import is_lowered
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.search_settings import DEFAULT
@@ -431,7 +431,7 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
     found = of(name)
     data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert set(data) == set(KEYS.split())
-    assert data["schema"] == SCHEMA
+    assert data["schema"] == DIAGNOSIS_SCHEMA
     assert data["plant"] == "RodPendulum"
     assert data["verdict"] in VERDICTS
     assert data["sentence"] == found.sentence

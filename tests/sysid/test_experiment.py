@@ -35,7 +35,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
-from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool
+from sysid.planning.design import KNOWN, NO_DISTURBANCE, Conditions, Hypothesis, Pool
 from sysid.planning.excitation import KINDS, Limits, Signal, random_signals
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.planning.non_torque_experiments import non_torque_experiment, payload
@@ -81,7 +81,7 @@ def predict(model: Model, signals: list[Signal], conditions: Conditions) -> list
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
     """The bare rod, fitted as if nothing acted beside it."""
-    return solver.fit_parameters(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+    return solver.fit_parameters(Samples(rod(), records, SENSOR), rod(), NAMES, None, NO_DISTURBANCE, KNOWN)
 
 
 CONFUSED = {
@@ -184,7 +184,8 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     disturbances = Disturbances(0.3, 0.5, 0.002, 0.1)
     hypothesis = Hypothesis("model", rod(), NAMES)
     calm, shaken = (
-        Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision() for own in (NONE, disturbances)
+        Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision()
+        for own in (NO_DISTURBANCE, disturbances)
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
     samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)

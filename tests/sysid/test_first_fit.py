@@ -28,7 +28,7 @@ from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import (
     BLOCKS,
     COMMON,
-    WINDOW,
+    HORIZON,
     first_fit,
     first_fits,
     with_best_memory,
@@ -100,7 +100,7 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (
         "the log does not tell likelihood from prediction"
     )
-    gain, sd = left_out_errors(chosen, WINDOW, BLOCKS).gain(left_out_errors(maximum_likelihood, WINDOW, BLOCKS))
+    gain, sd = left_out_errors(chosen, HORIZON, BLOCKS).gain(left_out_errors(maximum_likelihood, HORIZON, BLOCKS))
     assert gain > sd
     assert np.linalg.norm(chosen.values / TRUTH - 1.0) < np.linalg.norm(maximum_likelihood.values / TRUTH - 1.0)
 

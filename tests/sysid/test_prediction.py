@@ -15,8 +15,8 @@ from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import (
     GROWTH,
-    SHORTEST,
-    WINDOW,
+    HORIZON,
+    SHORTEST_PREDICTION,
     PredictionErrors,
     _without,
     foreseeable,
@@ -77,9 +77,11 @@ def test_a_free_swing_is_predicted_until_its_amplitude_has_halved(changed: dict[
     assert telling_horizon([swing(0.5, 30.0, **changed)]) == pytest.approx(10.0, rel=0.05), "at least five periods"
     assert telling_horizon([swing(0.5, 30.0, rate=0.05, **changed)]) == pytest.approx(math.log(2.0) / 0.05, rel=0.05)
     assert telling_horizon([swing(0.5, 90.0, rate=0.01, **changed)]) == pytest.approx(40.0, rel=0.05), "at most twenty"
-    assert telling_horizon([swing(8.0, 30.0, rate=1.0, **changed)]) == WINDOW, "five are less than a second"
-    assert telling_horizon([swing(0.5, 8.0, **changed)]) == WINDOW, "which it does not show"
-    assert telling_horizon([swing(0.5, 30.0, **changed), swing(0.5, 30.0, 0.1, **changed)]) == WINDOW, "which is driven"
+    assert telling_horizon([swing(8.0, 30.0, rate=1.0, **changed)]) == HORIZON, "five are less than a second"
+    assert telling_horizon([swing(0.5, 8.0, **changed)]) == HORIZON, "which it does not show"
+    assert telling_horizon([swing(0.5, 30.0, **changed), swing(0.5, 30.0, 0.1, **changed)]) == HORIZON, (
+        "which is driven"
+    )
 
 
 # comparing -----------------------------------------------------------------------------------------------------
@@ -153,7 +155,7 @@ def test_windows_of_a_short_log_are_shorter(seconds: float, windows: int) -> Non
     """So that there are as many as blocks, down to the shortest that says anything."""
     found = left_out_errors(fitted(seconds), 1.0, 8)
     assert len(found.squares) == len(found.free) == windows
-    assert all(w.count * DT >= SHORTEST - 1e-9 for w in windows_of(fitted(seconds), seconds / windows))
+    assert all(w.count * DT >= SHORTEST_PREDICTION - 1e-9 for w in windows_of(fitted(seconds), seconds / windows))
 
 
 def test_what_is_left_out_did_not_choose_its_numbers() -> None:
@@ -179,7 +181,7 @@ def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: 
     model = JOINT.with_effect(sensing)
     other = fit_parameters(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
     lead = max(lead_of(plain.model), lead_of(other.model))
-    a, b = (left_out_errors(own, SHORTEST, 8, lead) for own in (plain, other))
-    assert len(a.squares) == len(b.squares) != len(left_out_errors(plain, SHORTEST, 8).squares)
+    a, b = (left_out_errors(own, SHORTEST_PREDICTION, 8, lead) for own in (plain, other))
+    assert len(a.squares) == len(b.squares) != len(left_out_errors(plain, SHORTEST_PREDICTION, 8).squares)
     gain, sd = b.gain(a)
     assert abs(gain) < 4.5 * sd

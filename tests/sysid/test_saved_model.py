@@ -9,7 +9,7 @@ import pytest
 
 import sysid
 from study.paper.protocol import paper_model
-from sysid.estimation.saved_model import SCHEMA, from_dict, to_dict
+from sysid.estimation.saved_model import MODEL_SCHEMA, from_dict, to_dict
 
 
 def same(a, b):
@@ -98,8 +98,8 @@ def changed(*path_and_value):
 
 
 WRONG = {
-    "another version": (changed("schema", "gapfinder/model/9"), SCHEMA),
-    "another answer": (changed("schema", "gapfinder/diagnosis/1"), SCHEMA),
+    "another version": (changed("schema", "gapfinder/model/9"), MODEL_SCHEMA),
+    "another answer": (changed("schema", "gapfinder/diagnosis/1"), MODEL_SCHEMA),
     "no schema": (changed("schema", None), "no model of ours"),
     "a list": ([1, 2], "no model of ours"),
     "no plant": (changed("plant", None), "no 'plant'"),

@@ -161,7 +161,7 @@ def test_thinning_keeps_every_peak_and_the_order_of_time() -> None:
     y[54_321] = 40.0
     y[777] = -40.0
     x, z = figures.thinned(t, y)
-    assert len(x) <= figures.MOST
+    assert len(x) <= figures.MOST_POINTS
     assert np.all(np.diff(x) >= 0.0)
     assert z.max() == 40.0
     assert z.min() == -40.0

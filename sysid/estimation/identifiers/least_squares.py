@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.record import Record, check_direct
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import NONE, Disturbances
+from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
 from sysid.estimation.linearisation import Samples, level
@@ -111,8 +111,12 @@ class LeastSquares:
         """The optimum that is reached from the parameters `start` (P,)."""
         begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
         near = fit_parameters(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
-        whole = fit_parameters(samples, near.model, self.parameters, near, NONE, EXACT)
-        return whole if whole.converged else fit_parameters(samples, near.model, self.parameters, near, NONE, DAMPED)
+        whole = fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, EXACT)
+        return (
+            whole
+            if whole.converged
+            else fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, DAMPED)
+        )
 
     def _beside_a_random_torque(self, samples: Samples, model: Model, used: int) -> Estimate:
         status = (

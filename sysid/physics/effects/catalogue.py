@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from types import ModuleType
 from typing import Any, TypeVar
 
-from sysid.errors import LONGEST, InvalidInput, described, excerpt
+from sysid.errors import LONGEST_SHOWN, InvalidInput, described, excerpt
 from sysid.physics.effects import actuation, actuators, disturbance, friction, load, sensing
 from sysid.physics.effects.effect import Actuator, Effect
 
@@ -62,8 +62,10 @@ def _check_declared(kind: type[Effect]) -> None:
         value, usual = getattr(kind, name), type(getattr(Effect, name))
         if not isinstance(value, (int, float) if usual is float else usual):
             raise InvalidInput(f"{kind.__name__}.{name} = {excerpt(value)}: expected a {usual.__name__}")
-    if len(kind.name) > LONGEST:
-        raise InvalidInput(f"{kind.__name__}: the name has {len(kind.name):,} characters: expected {LONGEST} at most")
+    if len(kind.name) > LONGEST_SHOWN:
+        raise InvalidInput(
+            f"{kind.__name__}: the name has {len(kind.name):,} characters: expected {LONGEST_SHOWN} at most"
+        )
 
 
 def preferred() -> tuple[str, ...]:
