@@ -27,7 +27,7 @@ STYLE: Any = figure_style.STYLE | {
     "figure.constrained_layout.w_pad": 0.1,
     "figure.constrained_layout.h_pad": 0.08,
 }
-COLOURS = matplotlib.colormaps["viridis"]
+COLOUR_MAP = matplotlib.colormaps["viridis"]
 ACCENT = "#c8102e"
 
 
@@ -70,4 +70,4 @@ def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
 
 def shades(count: int, first: float = 0.15, last: float = 0.85) -> list[tuple[float, ...]]:
     """So many colours (count, 4) of the scale, from dark to light."""
-    return [COLOURS(first + (last - first) * k / max(1, count - 1)) for k in range(count)]
+    return [COLOUR_MAP(first + (last - first) * k / max(1, count - 1)) for k in range(count)]

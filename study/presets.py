@@ -6,12 +6,12 @@ import importlib
 from contextlib import AbstractContextManager
 from typing import Any
 
-from study.mismatch.mismatch_plan import PLANS as MISMATCH
-from study.paper.presets import PRESETS as PAPER
+from study.mismatch.mismatch_plan import MISMATCH_PLANS
+from study.paper.presets import PAPER_PRESETS
 from study.pipeline.settings import RunOptions, StudySettings
-from study.strategies.strategies_plan import PLANS as STRATEGIES
+from study.strategies.strategies_plan import STRATEGIES_PLANS
 
-PRESETS: dict[str, StudySettings] = {**PAPER, **MISMATCH, **STRATEGIES}
+PRESETS: dict[str, StudySettings] = {**PAPER_PRESETS, **MISMATCH_PLANS, **STRATEGIES_PLANS}
 
 
 def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractContextManager[Any]:

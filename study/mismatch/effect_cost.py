@@ -54,7 +54,7 @@ SEED, EPISODES = 500_000, 200
 TARGETS = (1.5, 10.0, 30.0)
 """Losses that sizes are looked for at [% of |J_aware|]."""
 
-STEPS = tuple(i / 8.0 for i in range(9))
+MEASURED_SHARES = tuple(i / 8.0 for i in range(9))
 """Shares of the largest plausible size that are measured in any case."""
 
 
@@ -114,7 +114,10 @@ class Bench:
 
 def explore(magnitude: Magnitude, measure: Callable[[Magnitude, float], LossRow]) -> list[LossRow]:
     """Rows over the plausible sizes, then nearer and nearer to those at which the loss passes each target."""
-    rows = {size: measure(magnitude, size) for size in (three_digits(share * magnitude.largest) for share in STEPS)}
+    rows = {
+        size: measure(magnitude, size)
+        for size in (three_digits(share * magnitude.largest) for share in MEASURED_SHARES)
+    }
     for target in TARGETS:
         for _ in range(6):
             size = _between(sorted(rows.values(), key=lambda row: row.size), target)

@@ -15,6 +15,7 @@ from study.pipeline.publication import Account
 from study.strategies.trial_figures import returns_in_rows
 from study.strategies.trial_findings import TrialResults, trial_account
 from study.trials.rollout_budget import BAND
+from sysid.report.figure_style import BLUE, ORANGE
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
     return [(question, text) for question, text in asked.items() if text]
 
 
-INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
+MISMATCH_COLOURS = {"nothing": "0.45", "plain": BLUE, "mended": ORANGE, "oracle": "0.1"}
 """Of the groups of strategies (Okabe and Ito)."""
 
 CAPTION = (
@@ -103,7 +104,7 @@ def mismatch_account(found: MismatchFindings) -> Account:
     return trial_account(
         found,
         mismatch_sentences(found),
-        (partial(returns_in_rows, found, STRATEGIES.__getitem__, INKS), CAPTION),
+        (partial(returns_in_rows, found, STRATEGIES.__getitem__, MISMATCH_COLOURS), CAPTION),
         "mismatch.html.j2",
         {"strategies": STRATEGIES},
         {condition: vars(split) if split else nothing for condition, split in found.splits.items()},

@@ -88,16 +88,16 @@ class MismatchPlan(TrialPlan):
         return self.seeds if any(strategy in pair for pair in self.contrasts) else self.seeds[: self.described]
 
 
-SMALL = ("prior", "fitted", "band", "mended", "oracle")
+FEW_STRATEGIES = ("prior", "fitted", "band", "mended", "oracle")
 _ALL = (
     MismatchPlan("mismatch", ALL_PLANTS, tuple(STRATEGIES), (0, 5, 50), CONTRASTS, (5, 50), tuple(range(3000, 3020)),
                  described=5),
-    MismatchPlan("mismatch-shac", (COULOMB, DELAY_MEDIUM, DELAY_LARGE), SMALL, (0, 5), CONTRASTS, (5,),
+    MismatchPlan("mismatch-shac", (COULOMB, DELAY_MEDIUM, DELAY_LARGE), FEW_STRATEGIES, (0, 5), CONTRASTS, (5,),
                  tuple(range(3000, 3020)), described=10, algorithm="shac", steps=2_048_000, agents=20),
-    MismatchPlan("mismatch-quick", (DELAY_LARGE, MAGNET), SMALL, (0, 5), CONTRASTS, (5,), (1000, 1001, 1002),
+    MismatchPlan("mismatch-quick", (DELAY_LARGE, MAGNET), FEW_STRATEGIES, (0, 5), CONTRASTS, (5,), (1000, 1001, 1002),
                  described=3),
     MismatchPlan("mismatch-smoke", (DELAY_LARGE, MAGNET), tuple(STRATEGIES), (0, 2), CONTRASTS, (2,), (1000, 1001),
                  described=1, hidden=(8, 8), steps=800, random_steps=200, batch=32, agents=4, episodes=4, grid=40),
 )  # fmt: skip
 
-PLANS = {plan.name: plan for plan in _ALL}
+MISMATCH_PLANS = {plan.name: plan for plan in _ALL}

@@ -31,7 +31,7 @@ from scipy.stats import binomtest
 
 from study.formatting import capital
 from study.mismatch.measured import rollouts
-from study.mismatch.mismatch_plan import PLANS, MismatchPlan
+from study.mismatch.mismatch_plan import MISMATCH_PLANS, MismatchPlan
 from study.pipeline.executor import BriefTask, Processes, Task, WorkerFailed
 from study.pipeline.stages import Stage, StudyExperiment, run
 from study.pipeline.tables import read_table, write_table
@@ -41,7 +41,7 @@ from study.trials.hidden_plant import PLAIN, HiddenPlant
 from study.trials.rollout_budget import Budget
 from sysid import CATALOGUE, Diagnosis, Estimate, InvalidInput
 
-PLAN, NAMING_TABLE = PLANS["mismatch"], "naming.csv"
+PLAN, NAMING_TABLE = MISMATCH_PLANS["mismatch"], "naming.csv"
 
 CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
 """Larger effects that are the effect at some of their numbers: to name one of them is right, too."""

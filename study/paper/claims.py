@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.formatting import MINUS, bracketed, number, percent, signed
+from study.paper.agreement import OPEN
 from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
 from study.statistics import Contrast, paired_t
 
-HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"
-NEAR = 20.0
+HOLDS, IN_PART, FAILS = "holds", "in part", "does not hold"
+NEAR_RETURN = 20.0
 """A return is 'near' another within this."""
 CELL = 2.7 / 60
 """Step of the paper's grid [kg, m]."""
@@ -124,15 +125,16 @@ def nearest_cell(truth: tuple[float, float]) -> float:
 def plateau(ours: Outcomes | None = None) -> Claim:
     """Does every cell from n = 10 upward sit near -340?"""
     spots = [spot for spot in CELLS if spot.point == "main" and spot.n >= 10]
-    far = [spot for spot in spots if abs(CELLS[spot].mean + 340.0) > NEAR]
+    far = [spot for spot in spots if abs(CELLS[spot].mean + 340.0) > NEAR_RETURN]
     worst = min(spots, key=lambda spot: CELLS[spot].mean)
     text = (
-        f"Of the paper's own {len(spots)} cells from n = 10 upward, {len(spots) - len(far)} are within {NEAR:.0f} of "
-        f"{MINUS}340; the widest bands are not (n = {worst.n}, w = {worst.w:g}: {number(CELLS[worst].mean)})."
+        f"Of the paper's own {len(spots)} cells from n = 10 upward, {len(spots) - len(far)} are within "
+        f"{NEAR_RETURN:.0f} of {MINUS}340; the widest bands are not (n = {worst.n}, w = {worst.w:g}: "
+        f"{number(CELLS[worst].mean)})."
     )
     run = [spot for spot in spots if ours is not None and spot in ours]
     if ours is not None and run:
-        near = sum(abs(ours.summary(spot).mean + 340.0) <= NEAR for spot in run)
+        near = sum(abs(ours.summary(spot).mean + 340.0) <= NEAR_RETURN for spot in run)
         text += f" Here {near} of {len(run)} are."
     return Claim("plateau", IN_PART if far else HOLDS, text)
 

@@ -20,7 +20,7 @@ from study.paper.protocol import BOUNDS, ROLLOUT_LENGTH, paper_model
 from sysid import GridSearch, simulate
 from sysid.physics.ops import Array
 
-CANDIDATES, LEAST, WORK = 1500, 250, 4_000_000
+MOST_CANDIDATES, FEWEST_CANDIDATES, WORK = 1500, 250, 4_000_000
 """Cells of the unclipped form that are rated again with the clip: fewer where many samples tell cells apart."""
 
 
@@ -62,7 +62,7 @@ class OneStepGrid:
         cost = a * a * ss + 2.0 * a * b * su + b * b * uu - 2.0 * a * ds - 2.0 * b * du
         found = []
         for k, end in enumerate(ends):
-            count = max(LEAST, min(CANDIDATES, WORK // end))
+            count = max(FEWEST_CANDIDATES, min(MOST_CANDIDATES, WORK // end))
             best = np.sort(np.argpartition(cost[k], count)[:count])
             reach = float(np.max(a[best] + 2.0 * b[best]))
             near = np.flatnonzero(np.abs(x[:end]) > limit - reach)

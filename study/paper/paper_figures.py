@@ -25,7 +25,7 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, NullLocator
 from matplotlib.transforms import BboxBase
 
-from study.figure_style import ACCENT, COLOURS, annotate_beside, faint_lines, panels_abreast, shades
+from study.figure_style import ACCENT, COLOUR_MAP, annotate_beside, faint_lines, panels_abreast, shades
 from study.formatting import number, percent
 from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
@@ -36,7 +36,7 @@ from study.paper.saturation_budget import LABELS, BudgetCurve
 from study.paper.sweep_findings import PointFindings
 from study.statistics import Contrast
 
-OURS = COLOURS(0.35)
+OURS = COLOUR_MAP(0.35)
 """Colour of our numbers."""
 NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
 LINES = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
@@ -78,7 +78,7 @@ def _panel(
     budgets, widths = grid
     low, high = ends
     values = np.array([[cells[n, w].mean if (n, w) in cells else math.nan for w in widths] for n in budgets])
-    image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")
+    image = axes.imshow(values, cmap=COLOUR_MAP, vmin=low, vmax=high, aspect="auto")
     start = cells[0, widths[0]].mean if (0, widths[0]) in cells else math.nan
     for i, n in enumerate(budgets):
         for j, w in enumerate(widths):
@@ -292,7 +292,7 @@ def _interval(axes: Axes, bootstrap: Contrast, t: Contrast, y: float, colour: An
 
 POINT_OF_NOISE = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""
-IDENTIFIER_LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOURS(0.3), "o"), "unscented": (COLOURS(0.68), "^")}
+IDENTIFIER_LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOUR_MAP(0.3), "o"), "unscented": (COLOUR_MAP(0.68), "^")}
 """Colour and marker of an identifier."""
 
 
@@ -331,7 +331,7 @@ def identification(found: Scatter) -> Figure:
 
 def _masses(axes: Axes, found: Scatter) -> None:
     edges = np.arange(0.3 - 1.5 * CELL, 3.0 + 3.0 * CELL, 3.0 * CELL)
-    looks = ((False, COLOURS(0.35), 0.85, "noise in inputs too"), (True, "0.2", 1.0, "as much, in outputs alone"))
+    looks = ((False, COLOUR_MAP(0.35), 0.85, "noise in inputs too"), (True, "0.2", 1.0, "as much, in outputs alone"))
     for clean, colour, alpha, label in looks:
         m = found.thetas(1.0, 50, clean=clean)[:, 0]
         axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)

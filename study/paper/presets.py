@@ -111,14 +111,14 @@ class Preset(StudySettings):
 
 
 FIVE, TEN = tuple(range(5)), tuple(range(10))
-BUDGETS, WIDTHS = (0, 5, 10, 25, 50), (0.0, 0.1, 0.2, 0.3, 0.5)
+PAPER_BUDGETS, PAPER_WIDTHS = (0, 5, 10, 25, 50), (0.0, 0.1, 0.2, 0.3, 0.5)
 """The paper's."""
 
 ROBUSTNESS_POINTS = (
     Point("small_gap", (0, 10, 50), (0.0, 0.2, 0.5), FIVE, truth=(1.5, 1.2)),
     Point("large_gap", (0, 10, 50), (0.0, 0.2, 0.5), FIVE, truth=(2.5, 2.0)),
-    Point("low_noise", BUDGETS, (0.0, 0.5), FIVE, sigma=0.5),
-    Point("high_noise", BUDGETS, (0.0, 0.5), FIVE, sigma=2.0),
+    Point("low_noise", PAPER_BUDGETS, (0.0, 0.5), FIVE, sigma=0.5),
+    Point("high_noise", PAPER_BUDGETS, (0.0, 0.5), FIVE, sigma=2.0),
     Point("prior_range", (0,), (0.5,), TEN, randomization="prior_range"),
 )
 """The paper's Table I but for its main row, and the prior-range baseline of its text."""
@@ -131,20 +131,20 @@ IDENTIFIERS = (
     Point("unscented", COUNTS, (0.0, 0.2), FIVE, identifier="unscented"),
 )
 
-SMALL, LARGE = (64, 64), (256, 256)
+SMALL_NETWORK, LARGE_NETWORK = (64, 64), (256, 256)
 
 _ALL = (
-    Preset("quick", (Point("main", (0, 5, 50), (0.0, 0.5), (0, 1, 2)),), SMALL, 30_000, 9),
-    Preset("paper", (Point("main", BUDGETS, WIDTHS, TEN),), LARGE, 75_000, 5, grid=600),
-    Preset("paper-small", (Point("main", BUDGETS, WIDTHS, TEN),), SMALL, 75_000, 25),
-    Preset("robustness", ROBUSTNESS_POINTS, LARGE, 75_000, 5, companion="paper"),
-    Preset("robustness-small", ROBUSTNESS_POINTS, SMALL, 75_000, 25, companion="paper-small"),
-    Preset("identifiers", IDENTIFIERS, SMALL, 30_000, 25),
-    Preset("longer", (Point("main", (50,), (0.5,), TEN),), LARGE, 150_000, 2, companion="paper"),
-    Preset("longer-small", (Point("main", (50,), (0.5,), TEN),), SMALL, 150_000, 5, companion="paper-small"),
+    Preset("quick", (Point("main", (0, 5, 50), (0.0, 0.5), (0, 1, 2)),), SMALL_NETWORK, 30_000, 9),
+    Preset("paper", (Point("main", PAPER_BUDGETS, PAPER_WIDTHS, TEN),), LARGE_NETWORK, 75_000, 5, grid=600),
+    Preset("paper-small", (Point("main", PAPER_BUDGETS, PAPER_WIDTHS, TEN),), SMALL_NETWORK, 75_000, 25),
+    Preset("robustness", ROBUSTNESS_POINTS, LARGE_NETWORK, 75_000, 5, companion="paper"),
+    Preset("robustness-small", ROBUSTNESS_POINTS, SMALL_NETWORK, 75_000, 25, companion="paper-small"),
+    Preset("identifiers", IDENTIFIERS, SMALL_NETWORK, 30_000, 25),
+    Preset("longer", (Point("main", (50,), (0.5,), TEN),), LARGE_NETWORK, 150_000, 2, companion="paper"),
+    Preset("longer-small", (Point("main", (50,), (0.5,), TEN),), SMALL_NETWORK, 150_000, 5, companion="paper-small"),
     Preset("smoke", (Point("main", (0, 2), (0.0,), (0, 1)),), hidden=(8, 8), steps=1200, population=2, batch=32,
            random_steps=200, episodes=5, grid=100),
 )  # fmt: skip
 
-PRESETS = {preset.name: preset for preset in _ALL}
-QUICK, PAPER, SMOKE = PRESETS["quick"], PRESETS["paper"], PRESETS["smoke"]
+PAPER_PRESETS = {preset.name: preset for preset in _ALL}
+QUICK, PAPER, SMOKE = PAPER_PRESETS["quick"], PAPER_PRESETS["paper"], PAPER_PRESETS["smoke"]

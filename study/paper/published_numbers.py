@@ -126,12 +126,12 @@ class PublishedContrast:
         return Spot(self.b_point, self.b_n, self.b_w)
 
 
-FOLDER = Path(__file__).parent
+HERE = Path(__file__).parent
 
-CELLS = {cell.spot: cell for cell in read_table(PublishedCell, FOLDER / "published_cells.csv", "published cells")}
+CELLS = {cell.spot: cell for cell in read_table(PublishedCell, HERE / "published_cells.csv", "published cells")}
 """Every published cell: those of the main sweep are Fig. 1, the others are in the files."""
 
-DIFFERENCES = tuple(read_table(PublishedContrast, FOLDER / "published_contrasts.csv", "published contrasts"))
+DIFFERENCES = tuple(read_table(PublishedContrast, HERE / "published_contrasts.csv", "published contrasts"))
 """Every contrast that the paper calls significant or not."""
 
 BASELINE = Spot("prior_range", 0, 0.5)

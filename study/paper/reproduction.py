@@ -19,7 +19,7 @@ from study.paper.claims import Claim
 from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
 from study.paper.paper_figures import heatmaps, paretos
-from study.paper.presets import PAPER, PRESETS, Preset
+from study.paper.presets import PAPER, PAPER_PRESETS, Preset
 from study.paper.published_numbers import CELLS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
@@ -79,12 +79,12 @@ def reproduce(
     scatter: where identification was studied
     """
     preset = found[0].preset
-    base = PRESETS.get(preset.companion or "", preset)
+    base = PAPER_PRESETS.get(preset.companion or "", preset)
     own = outcomes(run for answer in found for run in answer.runs)
     siblings, notes = _siblings(preset, base, folder)
     ours = own
     for name, runs in siblings.items():
-        ours = ours.merged(runs) if PRESETS[name].steps == preset.steps else ours
+        ours = ours.merged(runs) if PAPER_PRESETS[name].steps == preset.steps else ours
     agreement = None
     if preset.steps == base.steps and any(spot in ours for spot in CELLS):
         agreement = Agreement(ours, theirs, preset)
@@ -124,7 +124,9 @@ def _claims(found: Sequence[PointFindings], swept: Outcomes | None, scatter: Sca
 def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
     """Runs of the presets that belong together, by preset, and a sentence on each that is missing."""
     found, said = {}, []
-    family = [name for name, other in PRESETS.items() if base.name in (name, other.companion) and name != preset.name]
+    family = [
+        name for name, other in PAPER_PRESETS.items() if base.name in (name, other.companion) and name != preset.name
+    ]
     for name in family:
         file = folder.parent / name / "runs.csv"
         if not file.exists():
@@ -159,12 +161,12 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
 
 def _longer(preset: Preset, base: Preset, runs: Mapping[str, Outcomes]) -> tuple[Contrast, int] | None:
     """What training on gained at the widest band, and to how many steps; None where it was not run."""
-    long = next((name for name in runs if PRESETS.get(name, preset).steps > base.steps), "")
+    long = next((name for name in runs if PAPER_PRESETS.get(name, preset).steps > base.steps), "")
     if not long or not all(LONGER_AT in runs.get(name, Outcomes({})) for name in (long, base.name)):
         return None
     a, b = runs[long], runs[base.name]
     seeds = sorted({*a.seeds(LONGER_AT)} & {*b.seeds(LONGER_AT)})
-    return paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds)), PRESETS[long].steps
+    return paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds)), PAPER_PRESETS[long].steps
 
 
 def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:

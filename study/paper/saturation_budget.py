@@ -22,9 +22,9 @@ from study.paper.published_numbers import Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.statistics import Contrast, paired_t
 
-PRIOR, GRID = "prior", "grid"
+PRIOR_POINT, GRID = "prior", "grid"
 LABELS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
-ENOUGH = 0.95
+SATURATED_SHARE = 0.95
 """The share of the gap between no data and a known plant at which a budget curve has bent."""
 
 
@@ -57,7 +57,7 @@ class BudgetCurve:
 
 def budget_curves(runs: Outcomes, w: float = 0.0) -> dict[str, BudgetCurve]:
     """The curves of all identifiers that were run at this width, by name; empty where the prior was not."""
-    start = Spot(PRIOR, 0, w)
+    start = Spot(PRIOR_POINT, 0, w)
     names = [name for name in LABELS if name in runs.points]
     spots = {name: [start, *(s for n in runs.budgets(name) if (s := Spot(name, n, w)) in runs)] for name in names}
     if start not in runs or not names:
@@ -70,7 +70,7 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
     start, cells = spots[0], [runs.summary(spot) for spot in spots]
     gap = known - cells[0].mean
     closed = [(cell.mean - cells[0].mean) / gap for cell in cells]
-    short = [k for k, cell in enumerate(cells) if closed[k] + cell.sem / gap < ENOUGH]
+    short = [k for k, cell in enumerate(cells) if closed[k] + cell.sem / gap < SATURATED_SHARE]
     bent = 1 + max(short, default=-1)
     return BudgetCurve(
         identifier=name,
@@ -116,8 +116,8 @@ def _sentence(curve: BudgetCurve) -> str:
     if curve.saturation is None:
         return f"{text}; n = {last} closes {percent(curve.closed[-1])} of that gap."
     text += (
-        f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.saturation} on, "
-        f"at {number(curve.worth)} a rollout"
+        f"; {percent(SATURATED_SHARE)} of that gap are closed, give or take a standard error, from n = "
+        f"{curve.saturation} on, at {number(curve.worth)} a rollout"
     )
     rest = f", and the other {last - curve.saturation} are together worth {curve.after}" if curve.after else ""
     return f"{text}{rest}."

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
 
 
-FOLDER = "policies"
+POLICY_FOLDER = "policies"
 """Where they lie in a results folder."""
 
 
 def policy_file(folder: Path, key: tuple[Any, ...] | str) -> Path:
     """Where the policy of a cell, or of that name, lies in a results folder."""
-    return folder / FOLDER / f"{key if isinstance(key, str) else '_'.join(map(str, key))}.npz"
+    return folder / POLICY_FOLDER / f"{key if isinstance(key, str) else '_'.join(map(str, key))}.npz"
 
 
 def write_policy(folder: Path, key: tuple[Any, ...] | str, policy: NetworkPolicy) -> None:

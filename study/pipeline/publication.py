@@ -21,13 +21,13 @@ from rich.markup import escape
 from study.figure_style import save_figure
 from study.formatting import capital, number, signed
 from study.pipeline.database import Database
-from study.pipeline.population_task import FOLDER
+from study.pipeline.population_task import POLICY_FOLDER
 from study.pipeline.settings import StudySettings
 from study.pipeline.stages import duration
 from study.pipeline.tables import write_rows
 from sysid.data.files import write_whole
 
-PUBLISHED = ("study.json", "report.html", FOLDER)
+PUBLISHED = ("study.json", "report.html", POLICY_FOLDER)
 """What every experiment writes beside its tables and figures."""
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]

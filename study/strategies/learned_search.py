@@ -134,7 +134,7 @@ class AutoTuned(Strategy):
         return low + np.round(x, 4) * (high - low)
 
 
-TABLE = Grid(60, 61, u=5)
+META_TRAINING_GRID = Grid(60, 61, u=5)
 """Of the policies in meta-training: their returns are within some percent of the best."""
 
 
@@ -197,7 +197,7 @@ class AdaptSim(Strategy):
         starts = np.tile(task.start_states([rng] * self.episodes).T, (count, 1)).T
         seen, returns = [], np.empty((count, count))
         for i, own in enumerate(values):
-            policy = solve(situation.prior.with_parameters(situation.named(own)), TABLE)
+            policy = solve(situation.prior.with_parameters(situation.named(own)), META_TRAINING_GRID)
             found, run = played(situation, policy, model, starts, whole)
             seen.append(found.reshape(count, self.episodes, -1))
             returns[i] = np.mean(run.returns.reshape(count, self.episodes), axis=1)

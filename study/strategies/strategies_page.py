@@ -20,12 +20,13 @@ from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
 from study.formatting import number, percent, signed
 from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_called
-from study.strategies.strategies_plan import BASELINE, StrategiesPlan
+from study.strategies.strategies_plan import REFERENCE, StrategiesPlan
 from study.strategies.strategy import GROUPS
-from study.strategies.trial_figures import ENOUGH, SENSED, returns_in_rows
+from study.strategies.trial_figures import INTERVAL_SEEDS, SENSED, returns_in_rows
 from study.strategies.trial_findings import NEAR, Outcome, TrialFindings, TrialResults, trial_account, trial_findings
+from sysid.report.figure_style import BLUE, GREEN, ORANGE, YELLOW
 
-FEW = 5
+FEWEST_SEEDS = 5
 """Seeds below which a mean says little."""
 
 
@@ -95,21 +96,21 @@ def _curse(findings: TrialFindings) -> str:
 
 def _caution(findings: TrialFindings) -> str:
     seeds = len(findings.plan.seeds)
-    return f" With {seeds} seed{'s' * (seeds != 1)} these are no findings yet." if seeds < FEW else ""
+    return f" With {seeds} seed{'s' * (seeds != 1)} these are no findings yet." if seeds < FEWEST_SEEDS else ""
 
 
 def _listed(names: list[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D", "#222222")
-"""Okabe and Ito's."""
-INKS = dict(zip(GROUPS, ("0.5", *COLOURS), strict=False))
+OKABE_ITO = (BLUE, ORANGE, GREEN, "#CC79A7", "#56B4E9", YELLOW, "#7F3C8D", "#222222")
+"""Six of Okabe and Ito's colours, and two more."""
+GROUP_COLOURS = dict(zip(GROUPS, ("0.5", *OKABE_ITO), strict=False))
 """Of the groups, where these stand in one panel."""
-LOOKS = [{"color": colour, "marker": mark} for colour, mark in zip(COLOURS, "osD^vPXp", strict=True)]
+LOOKS = [{"color": colour, "marker": mark} for colour, mark in zip(OKABE_ITO, "osD^vPXp", strict=True)]
 """Of the lines of a group."""
 
-LEAST = 0.01
+FLOOR = 0.01
 """What falls short by less is drawn as if by so much."""
 
 
@@ -123,8 +124,8 @@ def _lines(findings: TrialFindings) -> Figure:
     with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
     groups = {g: [s for s in plan.strategies if strategy_called(s).group == g] for g in GROUPS}
-    context = [s for s in plan.strategies if s == BASELINE or s in groups["nothing"]]
-    grey = {s: {"color": "0.6", "marker": "o" if s == BASELINE else "x+"[k % 2]} for k, s in enumerate(context)}
+    context = [s for s in plan.strategies if s == REFERENCE or s in groups["nothing"]]
+    grey = {s: {"color": "0.6", "marker": "o" if s == REFERENCE else "x+"[k % 2]} for k, s in enumerate(context)}
     spending = {group: own for group, own in groups.items() if own and group != "nothing"}
     figure = Figure(figsize=(2.8 + 2.4 * places, 1.0 + 2.4 * len(spending)), layout="constrained")
     rows = figure.subplots(len(spending), places + 1, squeeze=False, sharex="col",
@@ -134,7 +135,7 @@ def _lines(findings: TrialFindings) -> Figure:
         looks = grey | dict(zip(own, cycle(LOOKS), strict=False))
         for (plant, sensing), axes in zip(plan.places, panels, strict=True):
             axes.set_yscale("log")
-            axes.set_ylim(1.3 * most, 0.85 * LEAST)
+            axes.set_ylim(1.3 * most, 0.85 * FLOOR)
             axes.yaxis.set_major_locator(LogLocator(10.0, subs=(1.0, 3.0)))
             axes.yaxis.set_major_formatter(lambda share, _: f"{100.0 * share:.3g} %")
             axes.yaxis.set_minor_formatter(NullFormatter())
@@ -161,28 +162,28 @@ def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look:
     """A strategy's shortfalls, and those of its best candidates; small where seeds are too few for an interval."""
     x, falls = [budgets.index(n) for n in line], [outcome.shortfall for outcome in line.values()]
     best = [outcome.anew / float(np.mean(outcome.optima)) - 1.0 for outcome in line.values()]
-    axes.plot(x, [max(LEAST, fall.mean) for fall in falls], linewidth=1.2, **{**look, "marker": ""})
-    axes.plot(x, np.maximum(LEAST, best), linewidth=1.0, linestyle=":", markersize=4.5,
+    axes.plot(x, [max(FLOOR, fall.mean) for fall in falls], linewidth=1.2, **{**look, "marker": ""})
+    axes.plot(x, np.maximum(FLOOR, best), linewidth=1.0, linestyle=":", markersize=4.5,
               **{**look, "markerfacecolor": "white"})  # fmt: skip
     for at, fall in zip(x, falls, strict=True):
-        axes.plot([at], [max(LEAST, fall.mean)], markersize=5.0 if fall.seeds >= ENOUGH else 2.5, **look)
-        if fall.seeds >= ENOUGH:
-            axes.plot([at, at], np.maximum(LEAST, [fall.low, fall.high]), color=look["color"], linewidth=1.0, alpha=0.6)
+        axes.plot([at], [max(FLOOR, fall.mean)], markersize=5.0 if fall.seeds >= INTERVAL_SEEDS else 2.5, **look)
+        if fall.seeds >= INTERVAL_SEEDS:
+            axes.plot([at, at], np.maximum(FLOOR, [fall.low, fall.high]), color=look["color"], linewidth=1.0, alpha=0.6)
 
 
 def _rows(findings: TrialFindings) -> Figure:
     """With a grey line that continues the point estimate."""
-    figure = returns_in_rows(findings, strategy_called, INKS)
+    figure = returns_in_rows(findings, strategy_called, GROUP_COLOURS)
     for axes, (plant, sensing) in zip(figure.axes, findings.plan.places, strict=True):
-        for outcome in findings.line(plant.name, sensing, BASELINE).values():
+        for outcome in findings.line(plant.name, sensing, REFERENCE).values():
             axes.axvline(outcome.mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
     return figure
 
 
-CAPTION = (
+SHORTFALL_CAPTION = (
     "How far mean returns fall short of the optimum's, for the real rollouts that were spent, strategies of a group "
-    f"together; bars: 95 % intervals over seeds. Small marks: fewer than {ENOUGH} seeds, which say little. "
-    f"Above the red line it is less than {percent(NEAR)}; what is nearer than {percent(LEAST)} lies at the upper edge. "
+    f"together; bars: 95 % intervals over seeds. Small marks: fewer than {INTERVAL_SEEDS} seeds, which say little. "
+    f"Above the red line it is less than {percent(NEAR)}; what is nearer than {percent(FLOOR)} lies at the upper edge. "
     "Hollow: of strategies that compare returns, their best candidate so far, evaluated anew outside the budget. Grey: "
     "the point estimate and what spends nothing."
 )
@@ -198,7 +199,7 @@ def account(plan: StrategiesPlan, results: TrialResults) -> Account:
     return trial_account(
         found,
         strategies_sentences(found),
-        (partial(returns_of_strategies, found), CAPTION if found.several else ROWS_CAPTION),
+        (partial(returns_of_strategies, found), SHORTFALL_CAPTION if found.several else ROWS_CAPTION),
         "strategies.html.j2",
         {"strategies": {name: strategy_called(name) for name in plan.strategies}},
     )

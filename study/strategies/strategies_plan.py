@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from study.strategies.plant import BudgetedPlant
     from study.strategies.strategy import Strategy
 
-BASELINE = "point"
+REFERENCE = "point"
 """What the others are held against."""
 
 
@@ -48,7 +48,7 @@ class StrategiesPlan(TrialPlan):
     @property
     def arguments(self) -> str:
         """With the strategies, where some were chosen."""
-        all_of_them = self.name in PLANS and self.strategies == PLANS[self.name].strategies
+        all_of_them = self.name in STRATEGIES_PLANS and self.strategies == STRATEGIES_PLANS[self.name].strategies
         return super().arguments + ("" if all_of_them else f" --strategies {','.join(self.strategies)}")
 
     def strategy_on(self, plant: HiddenPlant, name: str) -> Strategy:
@@ -78,26 +78,26 @@ class StrategiesPlan(TrialPlan):
                 from sysid import InvalidInput
 
                 raise InvalidInput(f"strategy {name!r} was given {names.count(name)} times: expected each once")
-        own = tuple((name, BASELINE) for name in names if name not in PLACES)
+        own = tuple((name, REFERENCE) for name in names if name not in PLACES)
         kept = tuple(pair for pair in (*self.contrasts, *own) if set(pair) <= set(names))
         return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)
 
 
-CONTRASTS = tuple((other, BASELINE) for other in PLACES if other not in ("prior", BASELINE))
+AGAINST_POINT = tuple((other, REFERENCE) for other in PLACES if other not in ("prior", REFERENCE))
 """Pre-registered: every strategy against the point estimate, which is what the paper's own answer comes to."""
 
 PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, MAGNET)
 EVERY = tuple(PLACES)
 _ALL = (
-    StrategiesPlan("strategies", PLANTS, EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25), tuple(range(4000, 4020)),
-                   described=2, in_rounds=4, sensings=("encoder", "speed")),
-    StrategiesPlan("strategies-small", (PLAIN, DELAY_MEDIUM), EVERY, (0, 5), CONTRASTS, (5,),
+    StrategiesPlan("strategies", PLANTS, EVERY, (0, 1, 2, 5, 10, 25, 50), AGAINST_POINT, (5, 25),
+                   tuple(range(4000, 4020)), described=2, in_rounds=4, sensings=("encoder", "speed")),
+    StrategiesPlan("strategies-small", (PLAIN, DELAY_MEDIUM), EVERY, (0, 5), AGAINST_POINT, (5,),
                    tuple(range(4100, 4110)), described=10, in_rounds=3),
-    StrategiesPlan("strategies-quick", (PLAIN,), EVERY, (0, 2, 10), CONTRASTS, (10,), (1010, 1011), described=2,
+    StrategiesPlan("strategies-quick", (PLAIN,), EVERY, (0, 2, 10), AGAINST_POINT, (10,), (1010, 1011), described=2,
                    in_rounds=2, steps=1_024_000, learner_steps=12_000),
-    StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), EVERY, (0, 2, 5), CONTRASTS, (5,), (1010, 1011), described=1,
-                   in_rounds=1, sensings=("encoder", "speed"), hidden=(8, 8), steps=4096, learner_steps=600,
-                   random_steps=200, batch=32, agents=25, episodes=4, grid=40),
+    StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), EVERY, (0, 2, 5), AGAINST_POINT, (5,), (1010, 1011),
+                   described=1, in_rounds=1, sensings=("encoder", "speed"), hidden=(8, 8), steps=4096,
+                   learner_steps=600, random_steps=200, batch=32, agents=25, episodes=4, grid=40),
 )  # fmt: skip
 
-PLANS = {plan.name: plan for plan in _ALL}
+STRATEGIES_PLANS = {plan.name: plan for plan in _ALL}

@@ -18,7 +18,7 @@ from study.strategies.trial_findings import Outcome, TrialFindings
 LOWEST = 3.0
 """What returns less than so many times the optimum is outside its panel."""
 
-ENOUGH = 3
+INTERVAL_SEEDS = 3
 """Seeds from which an interval is drawn."""
 
 SENSED = {"encoder": "angle and speed read", "speed": "speed read"}
@@ -78,7 +78,7 @@ def _draw(axes: Axes, outcome: Outcome, y: float, ink: str, last: bool) -> None:
     if mean.mean < low + 0.04 * (high - low):
         annotate_beside(axes, f"◂ {number(mean.mean)}", (low, y), (3, 0), color=ink, fontsize=8.5)
         return
-    if mean.seeds >= ENOUGH:
+    if mean.seeds >= INTERVAL_SEEDS:
         axes.plot([mean.low, mean.high], [y, y], color=ink, linewidth=1.3, zorder=2)
     axes.plot([outcome.median], [y], color=ink, marker="|", markersize=8, markeredgewidth=1.3, zorder=3)
     for value, filled in ((mean.mean, last), (outcome.anew, False)):

@@ -139,7 +139,7 @@ DECAYS = tuple(10.0**k for k in (3, 2, 1, 0, -1, -2, -3))
 ROUNDS = 6
 """Steps of Levenberg and Marquardt at a decay."""
 
-NEGLIGIBLE = 0.5
+NEGLIGIBLE_DECREASE = 0.5
 """A decrease of the objective that ends a decay's rounds."""
 
 FAILED_DECAYS = 2
@@ -302,7 +302,7 @@ def _descend(windows: Windows, p: Array, starts: Array, decay: Array, damping: f
         if not gain > 0.0:
             break
         p, starts, damping = p + dp, starts + dx, 0.25 * damping
-        if gain < NEGLIGIBLE:
+        if gain < NEGLIGIBLE_DECREASE:
             break
     return p, starts, damping
 

@@ -17,7 +17,7 @@ from policies.evaluation import PolicyBatch, evaluate, fresh_start_states
 from sysid import Model, OutputEffect
 from sysid.physics.ops import Array
 
-TABLE = Grid(120, 121, u=5, memory=3)
+DECISION_GRID = Grid(120, 121, u=5, memory=3)
 """More torques and memory change returns by 0.01 %."""
 
 
@@ -34,11 +34,16 @@ class SwingUpDecision:
     machine: Model
     names: tuple[str, ...]
     episodes: int = 40
-    table: Grid = TABLE
+    table: Grid = DECISION_GRID
 
     @classmethod
     def of(
-        cls, model: Model, names: Sequence[str], u_max: float | None = None, episodes: int = 40, table: Grid = TABLE
+        cls,
+        model: Model,
+        names: Sequence[str],
+        u_max: float | None = None,
+        episodes: int = 40,
+        table: Grid = DECISION_GRID,
     ) -> SwingUpDecision:
         """On a fitted model, with commands up to u_max [N m]. Raises InvalidInput as `machine_of` does."""
         machine = machine_of(model, u_max)

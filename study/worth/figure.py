@@ -6,15 +6,16 @@ from matplotlib.figure import Figure
 
 from study.figure_style import ACCENT, annotate_beside
 from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth
+from sysid.report.figure_style import BLUE, ORANGE
 
-COLOURS = {AS_BEFORE: "#0072B2", DESIGNED: "#D55E00"}
+KIND_COLOURS = {AS_BEFORE: BLUE, DESIGNED: ORANGE}
 
 
 def worth_figure(worth: Worth) -> Figure:
     """What is added to the return over the number of further rollouts, with standard errors, less what they cost."""
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes = figure.subplots()
-    kinds = [kind for kind in COLOURS if any(own.kind == kind for own in worth.further)]
+    kinds = [kind for kind in KIND_COLOURS if any(own.kind == kind for own in worth.further)]
     counts = sorted({own.rollouts for own in worth.further})
     places = {0: 0, **{h: i + 1 for i, h in enumerate(counts)}}
     for shift, kind in enumerate(kinds):
@@ -22,7 +23,7 @@ def worth_figure(worth: Worth) -> Figure:
         at = [0.0, *(places[x.rollouts] + 0.06 * (shift - 0.5) for x in own)]
         values, errors = [0.0, *(x.gain.value for x in own)], [0.0, *(x.gain.sem for x in own)]
         label = f"{kind} rollouts" if kind == DESIGNED else f"rollouts {kind}"
-        axes.errorbar(at, values, errors, color=COLOURS[kind], marker="o", capsize=0, label=label)
+        axes.errorbar(at, values, errors, color=KIND_COLOURS[kind], marker="o", capsize=0, label=label)
     axes.axhline(worth.perfect.value, color=ACCENT)
     annotate_beside(axes, "the machine known perfectly", (0.0, worth.perfect.value), (4, 7), color=ACCENT)
     if worth.price is not None:

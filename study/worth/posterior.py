@@ -82,7 +82,7 @@ class NormalCoordinates:
 TRIED = 4096
 """Draws of the normal distribution of which those within the bounds are taken."""
 
-FEW = 20
+FEWEST_DRAWS = 20
 """Draws within the bounds below which too little of the distribution lies there for its mean to be taken from them."""
 
 
@@ -133,7 +133,7 @@ class BoundedNormal:
         found = self._within(np.random.default_rng(0).standard_normal((TRIED, len(self.mean))))
         if len(found) == TRIED:
             return self.coordinates.parameters(self.mean)
-        if len(found) < FEW:
+        if len(found) < FEWEST_DRAWS:
             positive, shown = self.mean.copy(), self.coordinates.shown
             positive[shown] = np.maximum(positive[shown], 1e-3)
             return np.clip(self.coordinates.parameters(positive), *self.bounds.T)

@@ -40,7 +40,7 @@ MOST_DRAWS = 10_000
 SEVERAL = 6
 """Draws that a policy for the whole posterior is made for."""
 
-NEGLIGIBLE = 1e-3
+NEGLIGIBLE_SHARE = 1e-3
 """Share of the return below which nothing is looked for: a table of the optimum is no finer."""
 
 SURE = 2.0
@@ -96,7 +96,7 @@ class Worth:
     @property
     def settled(self) -> bool:
         """Whether perfect knowledge is worth so little that no rollout has to be asked about."""
-        least = max(self.price or 0.0, NEGLIGIBLE * abs(self.now.value))
+        least = max(self.price or 0.0, NEGLIGIBLE_SHARE * abs(self.now.value))
         return self.perfect.value + SURE * self.perfect.sem <= least
 
     @property

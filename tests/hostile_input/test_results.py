@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from study.paper.finished_runs import RUNS, read_import, taken_up
-from study.paper.presets import PRESETS
+from study.paper.presets import PAPER_PRESETS
 from study.paper.sweep import Sweep, sweep_results
 from tests.hostile_input.answering import CELLS, ESC, answered, many
 
@@ -37,8 +37,8 @@ def imported(path, preset):
 
 
 def opened(path):
-    with sweep_results(path, PRESETS["smoke"]) as results:
-        assert results.all(RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
+    with sweep_results(path, PAPER_PRESETS["smoke"]) as results:
+        assert results.all(RUNS) is not None and Sweep(PAPER_PRESETS["smoke"], results).estimates() is not None
 
 
 @pytest.mark.parametrize("statements", STATEMENTS.values(), ids=STATEMENTS.keys())
@@ -72,4 +72,4 @@ def test_any_cell_in_a_table_of_runs_is_refused_or_read(tmp_path_factory, cells,
     path = tmp_path_factory.getbasetemp() / "runs.csv"
     text = "\n".join(map(",".join, rows)).encode(errors="surrogatepass")
     path.write_bytes(text[: len(text) - cut])
-    answered(imported, path, PRESETS["paper-small"])
+    answered(imported, path, PAPER_PRESETS["paper-small"])

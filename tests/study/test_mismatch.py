@@ -9,9 +9,9 @@ from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
 from study.mismatch.measured import MeasuredPlant, known_setup, rollouts
-from study.mismatch.mismatch_plan import PLANS, STRATEGIES
+from study.mismatch.mismatch_plan import MISMATCH_PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
-from study.paper.presets import PRESETS
+from study.paper.presets import PAPER_PRESETS
 from study.strategies.plant import SENSORS
 from study.strategies.populations import AgentToTrain, populations
 from study.strategies.session import step
@@ -24,7 +24,7 @@ from study.trials.training_setup import TrainingSetup, training_setup_of
 from sysid import InvalidInput, simulate
 from sysid.estimation.held_out import held_out_error
 
-SMOKE, ENCODER = PLANS["mismatch-smoke"], SENSORS["encoder"]
+SMOKE, ENCODER = MISMATCH_PLANS["mismatch-smoke"], SENSORS["encoder"]
 
 
 @pytest.fixture(scope="module")
@@ -132,25 +132,27 @@ def test_structures_train_together_and_no_agent_twice():
 
 
 def test_the_plan_is_balanced_and_its_seeds_are_matched():
-    for plan in PLANS.values():
+    for plan in MISMATCH_PLANS.values():
         assert set(plan.strategies) <= set(STRATEGIES) and len(set(plan.cases)) == len(plan.cases)
         seeds = {}
         for case in plan.cases:
             seeds.setdefault(case.condition, []).append(case.seed)
         for condition, own in seeds.items():
             assert tuple(own) == plan.seeds_of(condition.strategy)
-    assert Case("plain", "encoder", "mended", 50, 3019) in PLANS["mismatch"].cases
-    assert len(PLANS["mismatch"].cases) == 1740
+    assert Case("plain", "encoder", "mended", 50, 3019) in MISMATCH_PLANS["mismatch"].cases
+    assert len(MISMATCH_PLANS["mismatch"].cases) == 1740
 
 
 def test_the_experiments_seeds_are_used_for_nothing_else():
     """But by its second asking, with agents of another algorithm on the same rollouts."""
-    own, asked_again = PLANS["mismatch"], PLANS["mismatch-shac"]
+    own, asked_again = MISMATCH_PLANS["mismatch"], MISMATCH_PLANS["mismatch-shac"]
     assert set(asked_again.seeds) <= set(own.seeds) and set(asked_again.plants) < set(own.plants)
-    others = [plan for plan in PLANS.values() if plan not in (own, asked_again)]
+    others = [plan for plan in MISMATCH_PLANS.values() if plan not in (own, asked_again)]
     own = set(own.seeds)
     assert own.isdisjoint(s for plan in others for s in plan.seeds)
-    assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
+    assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(
+        s for p in PAPER_PRESETS.values() for s in p.seeds
+    )
 
 
 @pytest.mark.long

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
-from study.mismatch.mismatch_page import CAPTION, INKS, mismatch_account
-from study.mismatch.mismatch_plan import PLANS, STRATEGIES
+from study.mismatch.mismatch_page import CAPTION, MISMATCH_COLOURS, mismatch_account
+from study.mismatch.mismatch_plan import MISMATCH_PLANS, STRATEGIES
 from study.pipeline.publication import Section
 from study.statistics import paired_t
 from study.strategies.trial_figures import returns_in_rows
@@ -58,14 +58,14 @@ def invented(plan):
 @pytest.fixture(scope="module", params=["mismatch", "mismatch-quick", "one seed"])
 def answer(request):
     if request.param == "one seed":
-        return invented(replace(PLANS["mismatch-quick"], seeds=(1000,), described=1))
-    return invented(PLANS[request.param])
+        return invented(replace(MISMATCH_PLANS["mismatch-quick"], seeds=(1000,), described=1))
+    return invented(MISMATCH_PLANS[request.param])
 
 
 @pytest.fixture(scope="module")
 def figure(answer):
     with matplotlib.rc_context(STYLE):
-        made = returns_in_rows(answer, STRATEGIES.__getitem__, INKS)
+        made = returns_in_rows(answer, STRATEGIES.__getitem__, MISMATCH_COLOURS)
         made.canvas.draw()
     return made
 
@@ -107,7 +107,7 @@ def test_titles_do_not_run_into_the_next_panel(answer, figure):
 @pytest.fixture(scope="module")
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
-    found = invented(PLANS["mismatch"])
+    found = invented(MISMATCH_PLANS["mismatch"])
     figures = {"returns": save_figure(lambda: Figure(figsize=(1.0, 1.0)), folder / "a.png")}
     told = replace(
         mismatch_account(found),
@@ -122,7 +122,7 @@ def test_the_page_says_the_answer_first_and_escapes_it(html):
 
 
 def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
-    found = invented(PLANS["mismatch"])
+    found = invented(MISMATCH_PLANS["mismatch"])
     for row in found.compared:
         assert str(row.contrast).replace(" ", "\u00a0") in html
     for condition, outcome in found.outcomes.items():

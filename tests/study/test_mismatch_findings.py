@@ -12,7 +12,7 @@ from rich.console import Console
 from policies.environments.randomization import Fixed
 from study.mismatch.mismatch_findings import Verdict, mismatch_findings
 from study.mismatch.mismatch_page import mismatch_sentences
-from study.mismatch.mismatch_plan import CONTRASTS, PLANS
+from study.mismatch.mismatch_plan import CONTRASTS, MISMATCH_PLANS
 from study.pipeline.stages import run
 from study.statistics import paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD, Designed
@@ -25,7 +25,10 @@ from study.trials.training_setup import TrainingSetup
 from tests.study.inline import Inline
 
 PLAN = dataclasses.replace(
-    PLANS["mismatch-quick"], seeds=(1, 2, 3, 4), described=4, strategies=("prior", "fitted", "band", "mended", "oracle")
+    MISMATCH_PLANS["mismatch-quick"],
+    seeds=(1, 2, 3, 4),
+    described=4,
+    strategies=("prior", "fitted", "band", "mended", "oracle"),
 )
 RETURNS = {"prior": -900.0, "fitted": -500.0, "band": -520.0, "mended": -400.0, "oracle": -380.0}
 
@@ -117,7 +120,7 @@ def test_verdicts_are_counted_and_said(found):
 def test_a_run_from_nothing_to_the_page(tmp_path):
     """The smoke plan's settings, three strategies: what stands in the tables is what its agents returned, and a second
     run finds nothing to do."""
-    smoke = PLANS["mismatch-smoke"]
+    smoke = MISMATCH_PLANS["mismatch-smoke"]
     plan = dataclasses.replace(
         smoke, plants=smoke.plants[:1], strategies=("prior", "fitted", "mended"), seeds=(1000, 1001), described=2
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.mismatch_plan import PLANS
+from study.mismatch.mismatch_plan import MISMATCH_PLANS
 from study.mismatch.naming import (
     BUDGETS,
     FIRST,
@@ -27,7 +27,7 @@ from study.trials.hidden_plant import COULOMB, DELAY_LARGE, MAGNET, PLAIN
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
-PLAN = PLANS["mismatch"]
+PLAN = MISMATCH_PLANS["mismatch"]
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ from collections import Counter
 
 import pytest
 
-from study.paper.presets import PAPER, PRESETS, QUICK, Cell
+from study.paper.presets import PAPER, PAPER_PRESETS, QUICK, Cell
 from study.paper.published_numbers import CELLS, Spot
 
 
 @pytest.mark.parametrize("size", ["", "-small"])
 def test_paper_and_robustness_are_the_published_cells_and_plants(size):
-    presets = [PRESETS[f"{name}{size}"] for name in ("paper", "robustness")]
+    presets = [PAPER_PRESETS[f"{name}{size}"] for name in ("paper", "robustness")]
     cells = Counter(Spot(*cell[:3]) for preset in presets for cell in preset.cells)
     assert cells == {spot: cell.seeds for spot, cell in CELLS.items()}
     truths, sigmas = {"small_gap": (1.5, 1.2), "large_gap": (2.5, 2.0)}, {"low_noise": 0.5, "high_noise": 2.0}
@@ -21,7 +21,7 @@ def test_paper_and_robustness_are_the_published_cells_and_plants(size):
     assert presets[1].companion == presets[0].name
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
+@pytest.mark.parametrize("preset", PAPER_PRESETS.values(), ids=PAPER_PRESETS)
 @pytest.mark.parametrize("device", ["cpu", "cuda:1"])
 def test_populations_hold_every_run_once(preset, device):
     together = [cell for population in preset.populations(device) for cell in population]
@@ -34,7 +34,7 @@ def test_populations_hold_every_run_once(preset, device):
     assert max(sizes) <= preset.population if device == "cpu" else sizes == {len(preset.cells)}
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
+@pytest.mark.parametrize("preset", PAPER_PRESETS.values(), ids=PAPER_PRESETS)
 def test_a_population_ends_within_25_minutes_on_a_core(preset):
     seconds_a_step = 4e-3 if preset.hidden == (256, 256) else 0.6e-3
     assert seconds_a_step * preset.steps * preset.population <= 25 * 60.0

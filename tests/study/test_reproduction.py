@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from study.figure_style import save_figure
 from study.paper.finished_runs import Run, outcomes, run_table
 from study.paper.identification_scatter import scatter
-from study.paper.presets import PRESETS, Cell
+from study.paper.presets import PAPER_PRESETS, Cell
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
 from study.paper.sweep_page import outputs, sweep_account
@@ -56,7 +56,9 @@ def test_without_the_authors_files_it_says_how_to_give_them(answer, tmp_path):
 
 
 def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
-    paper = dataclasses.replace(answer, preset=dataclasses.replace(PRESETS["paper-small"], points=answer.preset.points))
+    paper = dataclasses.replace(
+        answer, preset=dataclasses.replace(PAPER_PRESETS["paper-small"], points=answer.preset.points)
+    )
     (tmp_path / "paper-small").mkdir()
     alone = reproduce([paper], tmp_path / "paper-small")
     assert any("--preset robustness-small" in note for note in alone.notes)
@@ -75,7 +77,9 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
 
 
 def test_a_sibling_that_cannot_be_read_is_left_out_and_said(answer, tmp_path):
-    paper = dataclasses.replace(answer, preset=dataclasses.replace(PRESETS["paper-small"], points=answer.preset.points))
+    paper = dataclasses.replace(
+        answer, preset=dataclasses.replace(PAPER_PRESETS["paper-small"], points=answer.preset.points)
+    )
     for name in ("robustness-small", "paper-small"):
         (tmp_path / name).mkdir()
     (tmp_path / "robustness-small" / "runs.csv").write_text("nonsense\n")
@@ -85,7 +89,7 @@ def test_a_sibling_that_cannot_be_read_is_left_out_and_said(answer, tmp_path):
 
 def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
     longer = dataclasses.replace(
-        answer, preset=dataclasses.replace(PRESETS["longer-small"], points=answer.preset.points)
+        answer, preset=dataclasses.replace(PAPER_PRESETS["longer-small"], points=answer.preset.points)
     )
     for name in ("longer-small", "paper-small"):
         (tmp_path / name).mkdir()
@@ -102,4 +106,4 @@ def test_small_presets_have_the_section_too(small_answer, tmp_path):
 
 
 def test_the_store_knows_every_figure_that_may_be_written():
-    assert {f"{name}.png" for name in REPRODUCTION_CAPTIONS} < set(outputs(PRESETS["paper-small"]))
+    assert {f"{name}.png" for name in REPRODUCTION_CAPTIONS} < set(outputs(PAPER_PRESETS["paper-small"]))

@@ -5,9 +5,9 @@ import sqlite3
 
 import pytest
 
-from study.mismatch.mismatch_plan import PLANS
+from study.mismatch.mismatch_plan import MISMATCH_PLANS
 from study.paper.finished_runs import RUNS, Run
-from study.paper.presets import PRESETS, Cell
+from study.paper.presets import PAPER_PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
 from study.paper.sweep import ESTIMATES, Estimated, sweep_results
 from study.strategies.designs import DESIGNS, Designed
@@ -17,8 +17,8 @@ from study.strategies.trial_experiment import trial_results
 from study.strategies.trial_plan import Case
 from sysid import InvalidInput
 
-MISMATCH = PLANS["mismatch-smoke"]
-SWEEP = dataclasses.replace(PRESETS["smoke"], name=MISMATCH.name)
+MISMATCH = MISMATCH_PLANS["mismatch-smoke"]
+SWEEP = dataclasses.replace(PAPER_PRESETS["smoke"], name=MISMATCH.name)
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 ROUND = CaseRound(Case("delay_medium", "encoder", "mended", 5, 1), 0, {"model": MODEL, "verdict": "delay"}, 7.5)

@@ -10,13 +10,13 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from policies.network_policy import NetworkPolicy
-from study.mismatch.mismatch_plan import PLANS as MISMATCH
+from study.mismatch.mismatch_plan import MISMATCH_PLANS
 from study.paper.protocol import paper_model
 from study.strategies.candidates import most_promising
 from study.strategies.catalogue import PLACES, strategy_called
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance
-from study.strategies.strategies_plan import PLANS
+from study.strategies.strategies_plan import STRATEGIES_PLANS
 from study.strategies.strategy import Choice, Learn, Play, Situation, Strategy, Train, TrainingSetup, Try
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import DELAY_MEDIUM
@@ -165,7 +165,7 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
 )
 def test_a_strategy_that_is_unknown_or_named_twice_is_refused_in_a_sentence(names, told):
     with pytest.raises(InvalidInput, match=told):
-        PLANS["strategies"].with_strategies(names)
+        STRATEGIES_PLANS["strategies"].with_strategies(names)
 
 
 @pytest.mark.parametrize("name", [*PLACES, OWN])
@@ -184,7 +184,7 @@ def test_a_missing_library_is_a_sentence(monkeypatch):
 
 
 def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
-    for plan in PLANS.values():
+    for plan in STRATEGIES_PLANS.values():
         assert len(set(plan.cases)) == len(plan.cases)
         for case in plan.cases:
             own = strategy_called(case.strategy)
@@ -192,15 +192,15 @@ def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
             assert case.sensing in SENSORS and (case.sensing == "encoder" or not own.needs_angle)
         pairs = {case[:4]: 0 for case in plan.cases}
         assert set(plan.strategies) == {key[2] for key in pairs}
-    assert (DELAY_MEDIUM, "speed") not in PLANS["strategies"].places
-    own = set(PLANS["strategies"].seeds)
-    others = [*MISMATCH.values(), *(plan for name, plan in PLANS.items() if name != "strategies")]
+    assert (DELAY_MEDIUM, "speed") not in STRATEGIES_PLANS["strategies"].places
+    own = set(STRATEGIES_PLANS["strategies"].seeds)
+    others = [*MISMATCH_PLANS.values(), *(plan for name, plan in STRATEGIES_PLANS.items() if name != "strategies")]
     assert own.isdisjoint(seed for plan in others for seed in plan.seeds)
 
 
 def test_a_users_strategy_is_held_against_the_baseline():
-    plan = PLANS["strategies-quick"].with_strategies(["point", OWN])
-    assert PLANS["strategies-quick"].arguments == "--preset strategies-quick"
+    plan = STRATEGIES_PLANS["strategies-quick"].with_strategies(["point", OWN])
+    assert STRATEGIES_PLANS["strategies-quick"].arguments == "--preset strategies-quick"
     assert plan.arguments == f"--preset strategies-quick --strategies point,{OWN}"
     assert plan.contrasts == ((OWN, "point"),)
     assert {case.n for case in plan.cases if case.strategy == OWN} == {10}

@@ -22,7 +22,7 @@ from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.strategies_page import LOOKS, returns_of_strategies, strategies_sentences
-from study.strategies.strategies_plan import PLANS, StrategiesPlan
+from study.strategies.strategies_plan import STRATEGIES_PLANS, StrategiesPlan
 from study.strategies.trial_experiment import trial_results
 from study.strategies.trial_findings import TrialResults, trial_findings
 from study.trials.ground_truth import PRIOR
@@ -31,9 +31,10 @@ from sysid import InvalidInput
 from tests.study.inline import Inline
 
 TINY = dataclasses.replace(
-    PLANS["strategies-smoke"], name="tiny", plants=(PLAIN,), sensings=("encoder",), budgets=(0, 2, 5), described=2,
-    strategies=("prior", "point", "cross_entropy", "fine_tuning", "scratch"), steps=2048, learner_steps=160,
-    random_steps=40, batch=8, in_rounds=2, contrasts=(("cross_entropy", "point"), ("fine_tuning", "point")),
+    STRATEGIES_PLANS["strategies-smoke"], name="tiny", plants=(PLAIN,), sensings=("encoder",), budgets=(0, 2, 5),
+    described=2, strategies=("prior", "point", "cross_entropy", "fine_tuning", "scratch"), steps=2048,
+    learner_steps=160, random_steps=40, batch=8, in_rounds=2,
+    contrasts=(("cross_entropy", "point"), ("fine_tuning", "point")),
 )  # fmt: skip
 
 
@@ -248,7 +249,7 @@ def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
 @pytest.mark.parametrize(("name", "places"), [("kalman", 4), ("prior", 5), ("point", 5)])
 def test_a_strategy_alone_is_told_of_where_it_can_be_run(name, places):
     """The Kalman filter needs an angle; the prior spends no rollout."""
-    plan = PLANS["strategies"].with_strategies([name])
+    plan = STRATEGIES_PLANS["strategies"].with_strategies([name])
     assert len(plan.places) == places == len({(case.plant, case.sensing) for case in plan.cases})
     cases = {case: {"deployed": str(case), "best": None, "observed": None, "rollouts": case.n, "simulated": 1}
              for case in plan.cases}  # fmt: skip

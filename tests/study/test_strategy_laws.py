@@ -14,7 +14,7 @@ from study.paper.protocol import paper_model
 from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
 from study.strategies.identified import designed
-from study.strategies.learned_search import TABLE, AdaptSim, AutoTuned, Levels
+from study.strategies.learned_search import META_TRAINING_GRID, AdaptSim, AutoTuned, Levels
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.readings import sensed, smoothed, smoothing_covariance, summary_statistics
 from study.strategies.simopt import SimOpt, reps_weights, weighted_normal
@@ -216,12 +216,12 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
         starts = task.start_states([rng] * 20)
 
         def returned(values, target=target, starts=starts):
-            return evaluate(solve(paper_model(*values), TABLE), target, *starts).mean
+            return evaluate(solve(paper_model(*values), META_TRAINING_GRID), target, *starts).mean
 
         values = own.believed
         before = returned(values)
         for _ in range(4):
-            run = rollout(solve(paper_model(*values), TABLE), target, *starts[:, :5])
+            run = rollout(solve(paper_model(*values), META_TRAINING_GRID), target, *starts[:, :5])
             readings = sensed(run.theta.T, run.theta_dot.T, own.sensor, True, rng)
             values = adaptation.moved(statistics(own, run.u[:-1].T, *readings), values)
         best = returned(truth)
