@@ -150,7 +150,7 @@ def fresh_start_states(seed: int, episodes: int = 20, block: int = 0) -> tuple[A
 
 
 def _drawn(rngs: Sequence[np.random.Generator]) -> tuple[Array, Array]:
-    theta, theta_dot = task.start_states(rngs)
+    theta, theta_dot = task.draw_start_states(rngs)
     return theta.copy(), theta_dot.copy()
 
 

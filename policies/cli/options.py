@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from sysid.cli.command_options import File, Switch, shown
+from sysid.cli.command_options import File, Switch, option
 
 Folder = Annotated[Positional[Path], arg(metavar="POLICY")]
 Texts = UseAppendAction[tuple[str, ...]]
@@ -25,16 +25,16 @@ class TrainCommand:
     model: Annotated[Positional[Path], arg(metavar="MODEL")]
     """A model.json, as sysid writes it."""
 
-    out: Annotated[Path, arg(aliases=["-o"]), shown("FOLDER", "policy")] = Path("policy")
+    out: Annotated[Path, arg(aliases=["-o"]), option("FOLDER", "policy")] = Path("policy")
     """Where the policy is written: policy.json and policy.safetensors."""
 
-    u_max: Annotated[float | None, shown("TORQUE", "the model's")] = None
+    u_max: Annotated[float | None, option("TORQUE", "the model's")] = None
     """Largest torque [N m] that the policy commands."""
 
-    dt: Annotated[float | None, shown("S", "near 0.05, a multiple of the model's")] = None
+    dt: Annotated[float | None, option("S", "near 0.05, a multiple of the model's")] = None
     """Time between two commands [s]."""
 
-    history: Annotated[int | None, shown("K", "what its delays and lags need")] = None
+    history: Annotated[int | None, option("K", "what its delays and lags need")] = None
     """How many of its past commands the policy observes: those not yet in effect decide what comes next."""
 
     randomize: Annotated[str, arg(metavar="none|band:W|posterior|prior")] = "none"
@@ -49,7 +49,7 @@ class TrainCommand:
     """How agents learn. shac: from the gradient of the return through the model. sac: soft actor-critic, from
     transitions alone, as in the paper."""
 
-    steps: Annotated[int | None, shown("N", "2,048,000 of shac, 75,000 of sac")] = None
+    steps: Annotated[int | None, option("N", "2,048,000 of shac, 75,000 of sac")] = None
     """Commands that each agent gives in training. How long they take here is measured and said when it begins."""
 
     hidden: Annotated[tuple[int, ...], arg(metavar="N")] = (64, 64)
@@ -108,7 +108,7 @@ class ExportPolicyCommand:
     policy: Folder
     """The folder that `train` wrote."""
 
-    out: Annotated[Path, arg(aliases=["-o"]), shown("FILE", "policy.onnx")] = Path("policy.onnx")
+    out: Annotated[Path, arg(aliases=["-o"]), option("FILE", "policy.onnx")] = Path("policy.onnx")
     """Where it is written."""
 
     effects: File = None

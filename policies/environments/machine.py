@@ -130,7 +130,7 @@ def _trial(model: Model, randomization: Randomization) -> tuple[dict[str, Array]
     rng = generator(0, Purpose.EVALUATION, 2)
     drawn = [randomization.sample(rng, model) for _ in range(ROLLOUTS)]
     parameters = {name: np.array([row[name] for row in drawn]) for name in drawn[0]}
-    theta, theta_dot = task.start_states([rng] * ROLLOUTS)
+    theta, theta_dot = task.draw_start_states([rng] * ROLLOUTS)
     u = rng.uniform(-model.u_max, model.u_max, (task.horizon(model.dt), ROLLOUTS))
     return parameters, model.with_parameters(parameters).initial_state(theta, theta_dot), u
 

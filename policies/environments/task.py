@@ -74,7 +74,7 @@ def start_state(rng: np.random.Generator) -> tuple[float, float]:
     return theta, theta_dot
 
 
-def start_states(rngs: Iterable[np.random.Generator]) -> Array:
+def draw_start_states(rngs: Iterable[np.random.Generator]) -> Array:
     """Draw a start state from each generator in turn: theta and theta_dot, the rows of (2, E). [rng] * E draws all of
     them from one."""
     return np.array([start_state(rng) for rng in rngs]).reshape(-1, 2).T

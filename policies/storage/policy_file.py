@@ -36,7 +36,7 @@ from policies.environments.machine import check_episode
 from policies.limits import LAYER_WIDTH, LAYERS
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
-from sysid.data.files import named, read_file, save_file
+from sysid.data.files import file_errors, read_file, save_file
 from sysid.data.json_file import count, mapping, number_in, read_json, sequence, text
 from sysid.errors import excerpt
 from sysid.estimation.saved_model import from_dict, to_dict
@@ -106,7 +106,7 @@ def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str]
         "about": {**about, "versions": installed_versions(("gapfinder", "numpy", "torch"))},
     }
     folder = Path(folder)
-    with named(folder, "write"):
+    with file_errors(folder, "write"):
         folder.mkdir(parents=True, exist_ok=True)
     save_file(folder / WEIGHTS, weights)
     save_file(folder / DESCRIPTION, json.dumps(described, indent=1, allow_nan=False) + "\n")

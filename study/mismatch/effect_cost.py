@@ -38,7 +38,7 @@ from study.figure_style import ACCENT, save_figure
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
-from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, SUBSTEPS, design, hidden_machine
+from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, SUBSTEPS, hidden_machine, near_optimal
 from study.trials.hidden_plant import ALL_PLANTS
 from sysid import InvalidInput, OutputEffect
 
@@ -105,7 +105,8 @@ class Bench:
             ignorant, sharp = batch_returns(self.ignorant, model, *self.starts)
             aware = self.plain
         else:
-            ignorant, sharp, aware = batch_returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
+            policies = (*self.ignorant, near_optimal(model, self.grid))
+            ignorant, sharp, aware = batch_returns(policies, model, *self.starts)
         loss = aware - ignorant
         means = [float(np.mean(own)) for own in (self.plain, ignorant, aware, loss)]
         share, edge = 100.0 * means[3] / abs(means[2]), float(np.mean(aware - sharp))

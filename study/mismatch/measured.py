@@ -32,11 +32,11 @@ class MeasuredPlant(BudgetedPlant):
         if asked.torques is not None or asked.at_rest:
             raise InvalidInput("this plant was measured under random torques: expected to be asked for those alone")
         chosen = self.spend(asked.rollouts)
-        return list(rollouts(self.hidden, self.seed, self.drawn)[chosen.start : chosen.stop])
+        return list(measured_rollouts(self.hidden, self.seed, self.drawn)[chosen.start : chosen.stop])
 
 
 @lru_cache(maxsize=1)
-def rollouts(plant: HiddenPlant, seed: int, count: int) -> tuple[Record, ...]:
+def measured_rollouts(plant: HiddenPlant, seed: int, count: int) -> tuple[Record, ...]:
     """So many rollouts as the sensors read them. Torques are uniform within +-u_max."""
     rng, model = np.random.default_rng(seed), ground_truth(plant)
     u = rng.uniform(-model.u_max, model.u_max, (count, HORIZON))

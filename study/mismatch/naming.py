@@ -30,7 +30,7 @@ from rich.table import Table
 from scipy.stats import binomtest
 
 from study.formatting import capital
-from study.mismatch.measured import rollouts
+from study.mismatch.measured import measured_rollouts
 from study.mismatch.mismatch_plan import MISMATCH_PLANS, MismatchPlan
 from study.pipeline.executor import BriefTask, Processes, Task, WorkerFailed
 from study.pipeline.stages import Stage, StudyExperiment, run
@@ -161,12 +161,12 @@ def _error(estimate: Estimate) -> float:
     return math.sqrt(sum((estimate.values[k] / float(truth[k].value) - 1.0) ** 2 for k in ("m", "l")) / 2.0)
 
 
-def named(
+def naming_rows(
     plan: MismatchPlan, plant: str, seed: int, budgets: Sequence[int], progress: Callable[[float], None]
 ) -> list[NamingResult]:
     """The rows of a plant and a seed, one a budget; smaller budgets are the first rollouts of larger ones."""
     hidden, found = plan.plant(plant), list[NamingResult]()
-    records = rollouts(hidden, seed, max(plan.budgets))
+    records = measured_rollouts(hidden, seed, max(plan.budgets))
     for n in budgets:
         found.append(measure(hidden, n, seed, Budget(records[:n], SENSORS["encoder"], seed)))
         progress(len(found) / len(budgets))
@@ -192,7 +192,7 @@ class NamingExperiment(StudyExperiment):
                 left = tuple(n for n in self.budgets if (plant, n, seed) not in done)
                 if left:
                     work, arguments = 3.0 + sum(0.7 + 0.5 * n for n in left), (self.plan, plant, seed, left)
-                    yield BriefTask(f"naming at {plant}, seed {seed}", "naming", work, None, named, arguments)
+                    yield BriefTask(f"naming at {plant}, seed {seed}", "naming", work, None, naming_rows, arguments)
 
     def keep(self, task: Task, answer: Any) -> None:
         self.rows.extend(answer)

@@ -67,7 +67,8 @@ def referred(
 ) -> list[Reference]:
     """Design a controller at theta and run it on hidden plants from both start states of all seeds in question."""
     begin = time.monotonic()
-    policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
+    policy = reference_controller(controller, theta, preset.grid)
+    seeds = sorted({*preset.seeds, *preset.reference_seeds})
     starts = [tuple(_starts(drawn, seeds, preset)) for drawn in (start_states, fresh_start_states)]
     rows = {truth: [evaluate(policy, paper_model(*truth), *own).returns for own in starts] for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
@@ -78,7 +79,7 @@ def referred(
     ]
 
 
-def design(controller: str, theta: Theta, grid: int) -> Policy:
+def reference_controller(controller: str, theta: Theta, grid: int) -> Policy:
     """The controller for the machine at theta, the optimal one on a table of so many angles."""
     model = paper_model(*theta)
     if controller == LQR:

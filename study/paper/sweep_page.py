@@ -13,7 +13,7 @@ from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_UP
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
 from study.paper.sweep_findings import PointFindings
-from study.pipeline.publication import Account, Section, Table
+from study.pipeline.publication import Account, AnswerSection, Table
 from study.pipeline.settings import all_versions
 
 CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
@@ -45,10 +45,10 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
         for answer, own in zip(found, map(drawings, found), strict=True)
     ]
     held = {f"{name}.png": (draw, REPRODUCTION_CAPTIONS[name]) for name, draw in reproduction.drawings.items()}
-    told = [Section(own.sentences(), title(own.point) if len(found) > 1 else "", own.caveat()) for own in found]
+    told = [AnswerSection(own.sentences(), title(own.point) if len(found) > 1 else "", own.caveat()) for own in found]
     return Account(
         plan=preset,
-        sections=[*told, Section(reproduction.sentences())],
+        sections=[*told, AnswerSection(reproduction.sentences())],
         tables={"runs.csv": run_table(runs), "references.csv": reference_table(found)},
         drawings={name: drawing for own in (*drawn, held) for name, drawing in own.items()},
         template="sweep.html.j2",

@@ -36,7 +36,7 @@ Drawing = tuple[Callable[[], Figure], str]
 """What draws a figure, and what stands below it."""
 
 
-class Section(NamedTuple):
+class AnswerSection(NamedTuple):
     """Pairs of question and answer, under a title where they need one, and how far they can be trusted."""
 
     sentences: Sequence[tuple[str, str]]
@@ -55,7 +55,7 @@ class Account:
     """
 
     plan: StudySettings
-    sections: Sequence[Section]
+    sections: Sequence[AnswerSection]
     tables: Mapping[str, Table]
     drawings: Mapping[str, Drawing]
     template: str
@@ -113,7 +113,7 @@ def template(name: str) -> jinja2.Template:
     """A template of this package, whose values are escaped."""
     loader = jinja2.PackageLoader("study")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value)
+    filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value_text)
     environment.filters |= {own.__name__: own for own in filters}
     environment.tests["finite"] = math.isfinite
     return environment.get_template(name)
@@ -129,7 +129,7 @@ def unbroken(text: object) -> str:
     return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), str(text))
 
 
-def p_value(value: float) -> str:
+def p_value_text(value: float) -> str:
     """To three digits; nothing for nan."""
     if math.isnan(value):
         return ""

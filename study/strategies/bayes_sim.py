@@ -66,7 +66,7 @@ class BayesSim(Strategy):
         total, rng, model = 0.0, situation.rng, situation.model(values)
         for steps in lengths:
             u = rng.uniform(-situation.prior.u_max, situation.prior.u_max, (len(values), steps))
-            theta, theta_dot = task.start_states([rng] * len(values))
+            theta, theta_dot = task.draw_start_states([rng] * len(values))
             run = simulate(model, u, theta, theta_dot)
             situation.simulated += u.size
             seen = sensed(run.theta, run.theta_dot, situation.sensor, whole, rng)

@@ -25,7 +25,7 @@ from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
 from study.strategies.trial_plan import TrialPlan
-from study.trials.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, hidden_machine, oracle
+from study.trials.ground_truth import DESIGN_SUBSTEPS, ground_truth, hidden_machine, near_optimal, oracle
 from study.trials.training_setup import training_setup_of
 from sysid import InvalidInput, Model
 
@@ -70,10 +70,12 @@ def design_tasks(
             own = {key: models[key] for _, key in pairs}
             name, work = f"designs for {plant}, seeds {seeds[0]} to {seeds[-1]}", 3.0 * (len(own) + 2)
             work *= (plan.grid / 120.0) ** 2
-            yield BriefTask(name, "dynamic programming", work, DESIGNS, designed, (plan, plant, seeds, own, pairs))
+            yield BriefTask(
+                name, "dynamic programming", work, DESIGNS, returns_of_designs, (plan, plant, seeds, own, pairs)
+            )
 
 
-def designed(
+def returns_of_designs(
     plan: TrialPlan,
     plant: str,
     seeds: Iterable[int],
@@ -109,7 +111,7 @@ def _designs(
     grid, made = Grid(theta=plan.grid, theta_dot=plan.grid + 1), dict[str, Policy]()
     for k, (key, model) in enumerate(models.items()):
         try:
-            made[key] = design(model, grid)
+            made[key] = near_optimal(model, grid)
         except InvalidInput:  # a fitted model that no table can be made for has no row
             if key in (OPTIMUM, PLAIN_ROD):
                 raise

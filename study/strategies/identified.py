@@ -112,13 +112,13 @@ class DesignedExcitation(Strategy):
         """A random rollout, designed ones for the rest of the budget, then training at the fit of all."""
         records = yield Play(SPLIT_ROLLOUTS)
         rough = fit(situation.prior, records, situation.sensor, situation.names)
-        torques = designed(rough, situation, situation.budget - SPLIT_ROLLOUTS, records[0].t[-1])
+        torques = designed_torques(rough, situation, situation.budget - SPLIT_ROLLOUTS, records[0].t[-1])
         records += yield Play(len(torques), torques, at_rest=True)
         found = fit(rough.model, records, situation.sensor, situation.names)
         return TrainingSetup(found.model, center(found))
 
 
-def designed(rough: Estimate, situation: Situation, rollouts: int, duration: float) -> np.ndarray:
+def designed_torques(rough: Estimate, situation: Situation, rollouts: int, duration: float) -> np.ndarray:
     """Torques (rollouts, N) [N m] from rest, of which the fit expects the narrowest intervals."""
     model, names = rough.model, situation.names
     limits = Limits(model.u_max, duration=duration, rollouts=rollouts, start=0.0)

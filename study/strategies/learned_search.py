@@ -112,7 +112,7 @@ class AutoTuned(Strategy):
         """Statistics (S, F) of simulated episodes as the sensors read them, and their parameters (S, P)."""
         rng, (low, high) = situation.rng, situation.bounds.T
         values = rng.uniform(low, high, (self.simulations, len(low)))
-        starts = task.start_states([rng] * len(values))
+        starts = task.draw_start_states([rng] * len(values))
         return played(situation, policy, situation.model(values), starts, whole)[0], values
 
     def taught(self, situation: Situation, seen: Array, values: Array) -> EpisodeNetwork:
@@ -194,7 +194,7 @@ class AdaptSim(Strategy):
         """Statistics (S, S, E, F) of the policy of each of S sets of values on each other, and returns (S, S)."""
         rng, count = situation.rng, len(values)
         model = situation.model(np.repeat(values, self.episodes, axis=0))
-        starts = np.tile(task.start_states([rng] * self.episodes).T, (count, 1)).T
+        starts = np.tile(task.draw_start_states([rng] * self.episodes).T, (count, 1)).T
         seen, returns = [], np.empty((count, count))
         for i, own in enumerate(values):
             policy = solve(situation.prior.with_parameters(situation.named(own)), META_TRAINING_GRID)

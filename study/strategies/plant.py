@@ -56,7 +56,7 @@ class BudgetedPlant:
     def _begin(self, rollouts: int, at_rest: bool) -> tuple[list[np.random.Generator], tuple[Array, Array]]:
         """The generators of the next rollouts, and where these start."""
         rngs = [np.random.default_rng([self.seed, k]) for k in self.spend(rollouts)]
-        theta, theta_dot = task.start_states(rngs)
+        theta, theta_dot = task.draw_start_states(rngs)
         return rngs, (np.full(rollouts, np.pi), np.zeros(rollouts)) if at_rest else (theta, theta_dot)
 
     def _read(self, u: Array, theta: Array, theta_dot: Array, rng: np.random.Generator) -> Record:

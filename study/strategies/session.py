@@ -125,7 +125,7 @@ STEPS = ResultTable(
 )  # fmt: skip
 
 
-def steps(
+def case_rounds(
     plan: TrialPlan, current: int, cases: Sequence[Case], folder: Path, progress: Callable[[float], None]
 ) -> list[CaseRound]:
     """A round of the cases of one seed on one plant; folder: of the results, with the agents that are trained."""

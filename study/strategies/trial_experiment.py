@@ -34,7 +34,7 @@ from study.strategies.populations import (
     PlantPopulation,
     populations,
 )
-from study.strategies.session import CRITICS, STEPS, CaseRound, steps
+from study.strategies.session import CRITICS, STEPS, CaseRound, case_rounds
 from study.strategies.strategies_plan import StrategiesPlan
 from study.strategies.trial_findings import FIGURE, TABLES, TrialResults
 from study.strategies.trial_plan import Case, TrialPlan
@@ -111,7 +111,7 @@ class TrialExperiment(StudyExperiment):
             name = f"round {current} on {plant} ({sensing}), seed {seed}"
             work = sum(0.5 + 0.3 * case.n for case in cases)
             arguments = (self.plan, current, tuple(cases), self.results.folder.resolve())
-            yield BriefTask(name, "strategies", work, STEPS, steps, arguments)
+            yield BriefTask(name, "strategies", work, STEPS, case_rounds, arguments)
 
     def _populations(self, waited: Sequence[CaseRound], known: set[str]) -> list[PopulationTask]:
         """Of the agents that no round before waited for."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from study.pipeline.database import Database
-from study.pipeline.publication import Account, Drawing, Section, Table
+from study.pipeline.publication import Account, AnswerSection, Drawing, Table
 from study.pipeline.settings import all_versions
 from study.pipeline.tables import printed
 from study.statistics import Contrast, holm, paired_t
@@ -252,7 +252,7 @@ def trial_account(
     plan = found.plan
     return Account(
         plan=plan,
-        sections=[Section(sentences)],
+        sections=[AnswerSection(sentences)],
         tables=trial_tables(found, columns or {}),
         drawings={FIGURE: drawing},
         template=template,

@@ -32,7 +32,7 @@ def hidden_machine(effect: Effect | None = None, substeps: int = SUBSTEPS) -> Mo
     return dataclasses.replace(model, integrator=RK4(substeps=substeps))
 
 
-def design(model: Model, grid: Grid = BLUNT) -> Policy:
+def near_optimal(model: Model, grid: Grid = BLUNT) -> Policy:
     """The near-optimal policy for a machine, designed on steps of 25 ms; it knows the state.
 
     Raises InvalidInput for a machine with effects of the sensors, or one that no table can be made for.

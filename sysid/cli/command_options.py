@@ -10,16 +10,16 @@ from typing import Annotated, Any, Literal
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 
-def shown(metavar: str | None = None, default: str = "", name: str | None = None) -> Any:
+def option(metavar: str | None = None, default: str = "", name: str | None = None) -> Any:
     """How help shows an option: what stands for its value, what is taken where it is left out, and its name."""
     return arg(metavar=metavar, help_behavior_hint=default and f"(default: {default})", name=name)
 
 
-Files = Annotated[Positional[tuple[Path, ...]], shown("LOG")]
-File = Annotated[Path | None, shown("FILE")]
+Files = Annotated[Positional[tuple[Path, ...]], option("LOG")]
+File = Annotated[Path | None, option("FILE")]
 Output = Annotated[File, arg(aliases=["-o"])]
-Number = Annotated[float | None, shown("S")]
-Switch = FlagCreatePairsOff[Annotated[bool, shown()]]
+Number = Annotated[float | None, option("S")]
+Switch = FlagCreatePairsOff[Annotated[bool, option()]]
 AS_LOG = "the log's"
 
 
@@ -32,11 +32,11 @@ class LogOptions:
     swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
     several rollouts."""
 
-    columns: Annotated[str, shown("t=NAME,...")] = ""
+    columns: Annotated[str, option("t=NAME,...")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=tau (or voltage=duty, as --input says);
     "theta_dot=" leaves one out."""
 
-    zero: Annotated[Literal["upright", "hanging"] | float | None, shown("WHERE", default="upright")] = None
+    zero: Annotated[Literal["upright", "hanging"] | float | None, option("WHERE", default="upright")] = None
     """Where the log's angle is 0, "upright" or "hanging"; or, as a number, the log's angle where the joint hangs."""
 
     flip_torque: Switch = False
@@ -51,26 +51,26 @@ class LogOptions:
     end: Annotated[Number, arg(name="to")] = None
     """Leave out what comes after this time [s] of the log."""
 
-    input: Annotated[Literal["torque", "current", "voltage", "position"] | None, shown(default="torque")] = None
+    input: Annotated[Literal["torque", "current", "voltage", "position"] | None, option(default="torque")] = None
     """What column torque holds: a torque; a current [A]; a voltage [V] or a duty cycle; or the position that a servo
     was told, in the units of the angle."""
 
     dt: Number = None
     """Sample interval [s] to resample to; by default the log's own."""
 
-    time_unit: Annotated[Literal["s", "ms", "us"] | None, shown()] = None
+    time_unit: Annotated[Literal["s", "ms", "us"] | None, option()] = None
     """What the log's time counts; by default what the name of the column or the speed shows."""
 
-    joint: Annotated[str, shown("NAME")] = ""
+    joint: Annotated[str, option("NAME")] = ""
     """The joint of a ROS 2 bag or an MCAP file, where it has several (sensor_msgs/JointState; effort is the torque)."""
 
-    noise: Annotated[str, shown("theta=SD,theta_dot=SD")] = ""
+    noise: Annotated[str, option("theta=SD,theta_dot=SD")] = ""
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
 
-    hold_out: Annotated[float | None, shown("SHARE")] = None
+    hold_out: Annotated[float | None, option("SHARE")] = None
     """What no fit sees: a share, spread over the log, or a number of the last rollouts; by default a quarter."""
 
-    settings: Annotated[Path | None, shown("FILE.toml", name="log")] = None
+    settings: Annotated[Path | None, option("FILE.toml", name="log")] = None
     """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
     default log.toml in the log's folder, where there is one ("none": none)."""
 
@@ -88,18 +88,18 @@ class ModelOptions:
     model: File = None
     """A model.json; by default the plain plant."""
 
-    plant: Annotated[Literal["rod", "point", "joint", "axis"] | None, shown(default="rod")] = None
+    plant: Annotated[Literal["rod", "point", "joint", "axis"] | None, option(default="rod")] = None
     """rod: a uniform rod of m, l. point: a point mass m at l. joint: inertia J and gravity torque G. axis: a linear
     drive of mass m that a force moves, in m and N."""
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=NUMBER", help_behavior_hint="(repeatable)")] = ()
     """Fix what is known, as in l=0.45; of an effect that is not in the model yet: --with."""
 
-    effects_from_start: Annotated[str, shown("EFFECT,EFFECT.NAME=NUMBER", name="with")] = ""
+    effects_from_start: Annotated[str, option("EFFECT,EFFECT.NAME=NUMBER", name="with")] = ""
     """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it
     is fitted (`sysid effects` lists them)."""
 
-    gravity: Annotated[float | None, shown("G", "9.81")] = None
+    gravity: Annotated[float | None, option("G", "9.81")] = None
     """Gravity [m/s^2]."""
 
     effects: File = None
@@ -181,22 +181,22 @@ class AddCommand(EndsInModel, OfEffect):
 class ExperimentCommand(OnLog):
     """What to play next: the torque that tells effects apart, or that narrows the widest interval."""
 
-    between: Annotated[str, shown("EFFECT,EFFECT")] = ""
+    between: Annotated[str, option("EFFECT,EFFECT")] = ""
     """The effects to tell apart; by default the widest interval shrinks."""
 
-    u_max: Annotated[float | None, shown("TORQUE", AS_LOG)] = None
+    u_max: Annotated[float | None, option("TORQUE", AS_LOG)] = None
     """Largest torque [N m], of an axis force [N]."""
 
-    duration: Annotated[float | None, shown("S", AS_LOG)] = None
+    duration: Annotated[float | None, option("S", AS_LOG)] = None
     """Length of a rollout [s]."""
 
-    rollouts: Annotated[int | None, shown("N", AS_LOG)] = None
+    rollouts: Annotated[int | None, option("N", AS_LOG)] = None
     """How many rollouts to play."""
 
-    theta_max: Annotated[float | None, shown("ANGLE", AS_LOG, "reach")] = None
+    theta_max: Annotated[float | None, option("ANGLE", AS_LOG, "reach")] = None
     """Farthest that the motion may go from rest [rad], of an axis [m]."""
 
-    theta_dot_max: Annotated[float | None, shown("SPEED", "any", "speed")] = None
+    theta_dot_max: Annotated[float | None, option("SPEED", "any", "speed")] = None
     """Largest speed [rad/s], of an axis [m/s]."""
 
     out: Output = None
@@ -219,7 +219,7 @@ class WorkbenchCommand(OnLog):
     folder: Annotated[Path, arg(metavar="FOLDER")] = Path("workbench")
     """Where sessions are kept; nothing is written elsewhere."""
 
-    token: Annotated[str, shown("TEXT")] = ""
+    token: Annotated[str, option("TEXT")] = ""
     """What a browser has to know; where one is needed and none is given, one is made up and printed."""
 
 

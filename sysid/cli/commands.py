@@ -28,7 +28,7 @@ from sysid.cli.command_options import (
     OnLog,
 )
 from sysid.cli.log_settings import with_settings
-from sysid.cli.starting_model import begun, named_numbers, sampled, shown
+from sysid.cli.starting_model import begun, identifiable_part, named_numbers, sampled
 from sysid.data.checks import check_excitation
 from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
@@ -228,7 +228,7 @@ class LogAndModel:
         measured = _sensor(command.log, log, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = sampled(model, names, log, given)
-        model, names = shown(model, names, log, given)
+        model, names = identifiable_part(model, names, log, given)
         if not given:
             model = initial_guess(model, names, training, measured)
         sensor = relied_on(model, training, measured)

@@ -180,7 +180,7 @@ def _fastest_rate(model: Model) -> float:
     return max(math.sqrt(max(stiffness, 0.0)), damping, 1e-9)
 
 
-def shown(model: Model, names: tuple[str, ...], log: Log, given: bool) -> tuple[Model, tuple[str, ...]]:
+def identifiable_part(model: Model, names: tuple[str, ...], log: Log, given: bool) -> tuple[Model, tuple[str, ...]]:
     """The model and its free names without those that the log cannot show: what sets the scale of all torques where no
     torque is known, and a gravity that could also be none where no angle says where a joint is that turns round. That
     of a `given` model stays as it is."""

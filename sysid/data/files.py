@@ -26,7 +26,7 @@ LARGEST = 1 << 26
 
 
 @contextmanager
-def named(path: Path, doing: str) -> Iterator[None]:
+def file_errors(path: Path, doing: str) -> Iterator[None]:
     """Turn the file system's errors about a path into one sentence; nothing but file access may be done within."""
     try:
         yield
@@ -46,7 +46,7 @@ def path_of(path: str | PathLike[str]) -> Path:
 
 def full_path(path: Path, doing: str) -> Path:
     """The full path of a file that is there or may be made; raises InvalidInput for a name that is refused."""
-    with named(path, doing):
+    with file_errors(path, doing):
         full = path.resolve()
         with suppress(FileNotFoundError, NotADirectoryError):
             full.stat()
@@ -70,7 +70,7 @@ def check_input(path: Path, expected: str, largest: float = LARGEST) -> None:
 def read_file(path: Path, expected: str, largest: float = LARGEST) -> bytes:
     """The content of a file. Raises InvalidInput as `check_input` does."""
     check_input(path, expected, largest)
-    with named(path, "read"):
+    with file_errors(path, "read"):
         return path.read_bytes()
 
 
@@ -103,7 +103,7 @@ def _is_ours(path: Path) -> bool:
     """Whether a file is empty, a figure, or holds what an answer, a report or a table of ours begins or ends with."""
     if path.suffix.lower() in FIGURES:
         return True
-    with named(path, "read"), path.open("rb") as file:
+    with file_errors(path, "read"), path.open("rb") as file:
         head = file.read(1000)
         file.seek(-min(path.stat().st_size, 10_000), os.SEEK_END)
         ends = head + file.read()
@@ -119,7 +119,7 @@ def save_file(path: str | PathLike[str], content: bytes | str) -> None:
     """Write a file that a user asked for; where that fails it raises InvalidInput, in a sentence, and not OSError."""
     path = path_of(path)
     check_outputs((), [path], force=True)
-    with named(path, "write"):
+    with file_errors(path, "write"):
         write_whole(path, content)
 
 

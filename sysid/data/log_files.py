@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.data import text_files
 from sysid.data.bag import MCAP
-from sysid.data.files import check_input, check_installed, full_path, named
+from sysid.data.files import check_input, check_installed, file_errors, full_path
 from sysid.data.guarded import read_guarded
 from sysid.data.table import Table, column, rows_of, seconds
 from sysid.errors import InvalidInput, check_kind, printable
@@ -111,7 +111,7 @@ def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Ma
 
 def _kind(path: Path) -> str:
     """The format of a file, by its content. Raises InvalidInput for what cannot be read."""
-    with named(path, "read"):
+    with file_errors(path, "read"):
         if full_path(path, "read").is_dir() and (path / "metadata.yaml").exists():
             return "bag"
         check_input(path, "a log file", math.inf)

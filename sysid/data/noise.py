@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.data.computed_columns import COMPUTED, follows_readings, is_difference, unexplained
 from sysid.data.digitisation import quantisation_step
 from sysid.data.jitter import stamp_jitter
-from sysid.data.record import Record, as_read, rollouts
+from sysid.data.record import Record, as_read, tuple_of_records
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
@@ -121,7 +121,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     The differences are von Neumann's (Ann. Math. Statist. 12 (1941) 153), the cubics Savitzky and Golay's (Anal. Chem.
     36 (1964) 1627).
     """
-    records, found = as_read(rollouts(records)), dict[str, _Found]()
+    records, found = as_read(tuple_of_records(records)), dict[str, _Found]()
     if follows_readings(records):  # such a torque would explain the noise that it was computed from
         records = [replace(r, u=np.zeros(len(r))) for r in records]
     for channel in ("theta", "theta_dot"):

@@ -215,7 +215,7 @@ def without_whole_turns(theta: Array) -> Array:
     return np.unwrap(theta) if wrapped else theta.copy()
 
 
-def rollouts(records: Sequence[Record]) -> tuple[Record, ...]:
+def tuple_of_records(records: Sequence[Record]) -> tuple[Record, ...]:
     """Return the records as a tuple. Raises InvalidInput where there are none, and for what is no Record."""
     given = items_of(records)
     if not given:
@@ -233,7 +233,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     Raises InvalidInput with the record's name, what came and what was expected.
     """
     check_model(model)
-    given = rollouts(records)
+    given = tuple_of_records(records)
     for record in given:
         ask = "or are its times in milliseconds?"
         check_size(f"{record.name} has a sample interval [s] of", record.dt, LONGEST_INTERVAL, ask)

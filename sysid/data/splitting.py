@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Record, rollouts
+from sysid.data.record import Record, tuple_of_records
 from sysid.errors import InvalidInput, is_real
 from sysid.physics.ops import Array
 
@@ -53,7 +53,7 @@ def split(records: Sequence[Record], hold_out: float | None = None) -> tuple[tup
     InvalidInput
         Where nothing would be left on one side.
     """
-    records, share = rollouts(records), 0.25 if hold_out is None else hold_out
+    records, share = tuple_of_records(records), 0.25 if hold_out is None else hold_out
     if not (is_real(share) and 0.0 < share < math.inf) or (share >= 1.0 and share != int(share)):
         raise InvalidInput(f"hold_out = {hold_out!r}: expected a share between 0 and 1, or a number of rollouts")
     whole = share >= 1.0

@@ -13,7 +13,7 @@ import numpy as np
 
 from sysid.data.files import path_of, read_file
 from sysid.errors import LONGEST_SHOWN, InvalidInput, described, is_real
-from sysid.physics.candidates import alternatives
+from sysid.physics.candidates import candidates_for
 from sysid.physics.effects import CATALOGUE, Actuator, Effect, JointEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
@@ -119,7 +119,7 @@ def check_effect(kind: type[Effect], source: str) -> None:
 
 
 def _problem(kind: type[Effect]) -> str:
-    tried = alternatives(kind, EXTENT)
+    tried = candidates_for(kind, EXTENT)
     if not tried or not tried[0].magnitudes:
         return "no parameter has a neutral value, at which the effect changes nothing: give one, as neutral=0.0"
     plain = Model(PointMassPendulum(m=1.0, l=0.5), dt=EXTENT.dt)

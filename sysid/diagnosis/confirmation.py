@@ -54,7 +54,7 @@ def is_lowered(error: float, without: float, tolerance: float) -> bool:
     return error**2 <= (excess + min(without**2, 1.0)) * (1.0 + NEGLIGIBLE_RISE) ** 2
 
 
-def names_of(additions: Sequence[Addition]) -> tuple[str, ...]:
+def names_added(additions: Sequence[Addition]) -> tuple[str, ...]:
     """The sorted names of additions, as a key."""
     return tuple(sorted(a.name for a in additions))
 
@@ -109,9 +109,9 @@ class Confirmation:
 
     def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
         """The fit with these additions alone, and its error."""
-        names = names_of(additions)
+        names = names_added(additions)
         if names not in self.errors:
-            fit, _ = self.errors[names_of(self.additions)]
+            fit, _ = self.errors[names_added(self.additions)]
             for addition in self.additions:
                 if addition.name not in names:
                     fit = self.search.without(fit, addition.name)
@@ -150,11 +150,11 @@ class Confirmation:
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self.error(fit)
-            self.errors[names_of(additions)] = fit, error
+            self.errors[names_added(additions)] = fit, error
             if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
         self._drop_needless()
-        kept = names_of(self.additions)
+        kept = names_added(self.additions)
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
         refined = {name for own in kept for simpler in CATALOGUE[own].refines for name in simpler}
         self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
@@ -169,7 +169,7 @@ class Confirmation:
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_of(own))] or fewer
+            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_added(own))] or fewer
             pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
             worse = [own for own in sound if not pay or self._is_needless(own, error)]
             if worse:
@@ -260,7 +260,7 @@ class Confirmation:
         held-out motion, which goes further."""
         for name in self.search.negligible:
             end, error = self.fit_with(self.additions)
-            if name in names_of(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
+            if name in names_added(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
                 continue
             found = scores(end, (name,)).get(name)
             if found is None or not found.visible:
@@ -270,7 +270,7 @@ class Confirmation:
             if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
                 p = p_value(end.deviance - fit.deviance, found.numbers)
                 self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p)]
-                self.errors[names_of(self.additions)] = (fit, after)
+                self.errors[names_added(self.additions)] = (fit, after)
 
     def _weigh_friction(self) -> None:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.

@@ -18,7 +18,7 @@ from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Alternative, Diagnosis, Step
-from sysid.diagnosis.confirmation import Confirmation, names_of
+from sysid.diagnosis.confirmation import Confirmation, names_added
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.criteria import is_plausible
 from sysid.diagnosis.findings import fitted_numbers
@@ -236,7 +236,7 @@ class _Report:
             verdict = "cannot tell"
         elif remaining is not None:
             verdict = "partly" if machine or self.confirmed.friction else "unknown"
-        told = (*names_of(self.confirmed.additions), *self.confirmed.unconfirmed)
+        told = (*names_added(self.confirmed.additions), *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
             base=self.base.estimate(),
@@ -278,7 +278,7 @@ class _Report:
 
     def _alternatives(self, end: Fit) -> Iterator[Alternative]:
         """Refinements tried at first with which the log is as likely as with the additions, simpler forms of them."""
-        together = set(names_of(self.confirmed.additions))
+        together = set(names_added(self.confirmed.additions))
         for trial in self.search.trials:
             name, *more = trial.effects
             if not more and len(together) > 1 and together in map(set, CATALOGUE[name].refines):

@@ -18,7 +18,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import score
 from sysid.estimation.solver import fit_parameters as prediction_error
-from sysid.physics.candidates import alternatives
+from sysid.physics.candidates import candidates_for
 from sysid.physics.model import Model, check_model
 from sysid.physics.parameters import Parameter
 
@@ -104,7 +104,7 @@ def _from_neutral(samples: Samples, model: Model, names: tuple[str, ...]) -> Fit
         plain = plain.without_effect(effect.name)
     now = first_fit(samples, plain, [n for n in names if n in plain.parameters])
     for effect in idle:
-        found = score(now, alternatives(type(effect), samples.extent(plain, type(effect))))
+        found = score(now, candidates_for(type(effect), samples.extent(plain, type(effect))))
         begun = found.best.at(found.sizes) if found else effect
         own = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
         now = extended(now, [own])

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from sysid.estimation.prediction_error import Fit
-from sysid.physics.candidates import Alternative, candidates
+from sysid.physics.candidates import Candidate, candidates
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.ops import Array
 
@@ -38,7 +38,7 @@ class Score:
     name: str
     lm: float
     shapes: int
-    best: Alternative
+    best: Candidate
     sizes: tuple[float, ...]
     sd: tuple[float, ...]
     z: Array
@@ -66,11 +66,11 @@ def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
     return {score.name: score for score in tested if score is not None}
 
 
-def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
-    """The score test of an effect at its best alternative; None if the model runs away with the effect."""
-    effects = [probe for alternative in alternatives for probe in alternative.probes]
-    sizes = [size for alternative in alternatives for size in alternative.sizes]
-    owners = [k for k, alternative in enumerate(alternatives) for _ in alternative.probes]
+def score(fit: Fit, tried: Sequence[Candidate]) -> Score | None:
+    """The score test of an effect at its best candidate; None if the model runs away with the effect."""
+    effects = [probe for candidate in tried for probe in candidate.probes]
+    sizes = [size for candidate in tried for size in candidate.sizes]
+    owners = [k for k, candidate in enumerate(tried) for _ in candidate.probes]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         G, R = fit.linearised.effect_changes(effects, sizes)
     if not (np.all(np.isfinite(G)) and np.all(np.isfinite(R))):
@@ -80,16 +80,16 @@ def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
     for _ in range(2):
         rows = rows - (rows @ fit.basis) @ fit.basis.T
     best: Score | None = None
-    for k, alternative in enumerate(alternatives):
+    for k, candidate in enumerate(tried):
         own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
-        score = _tested(fit.e, alternative, rows[own].T, length[own], len(alternatives))
+        score = _tested(fit.e, candidate, rows[own].T, length[own], len(tried))
         if best is None or score.lm > best.lm:
             best = score
     return best
 
 
-def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes: int) -> Score:
-    """The score test of one alternative; a size on the wrong side of its bound explains nothing (lm = 0)."""
+def _tested(e: Array, candidate: Candidate, z: Array, length: Array, shapes: int) -> Score:
+    """The score test of one candidate; a size on the wrong side of its bound explains nothing (lm = 0)."""
     beside = np.linalg.norm(z, axis=0)
     seen = (beside > VISIBLE * length) & (length > 1e-6)
     q = z.shape[1]
@@ -102,13 +102,11 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
         lm = float(along @ along)
         sizes[seen] = V @ along / beside[seen]
         sd[seen] = np.sqrt(np.sum(V**2, axis=1)) / beside[seen]
-        if alternative.side and sizes[0] * alternative.side < 0.0:
+        if candidate.side and sizes[0] * candidate.side < 0.0:
             lm = 0.0
     visible = bool(np.any(seen))
     absorbed = not visible and bool(np.any(length > 1e-6))
-    return Score(
-        alternative.name, lm, shapes, alternative, tuple(sizes.tolist()), tuple(sd.tolist()), z, visible, absorbed
-    )
+    return Score(candidate.name, lm, shapes, candidate, tuple(sizes.tolist()), tuple(sd.tolist()), z, visible, absorbed)
 
 
 def alikeness(a: Score, b: Score) -> float:

@@ -15,7 +15,7 @@ from sysid.physics.parameters import Extent, Parameter
 
 
 @dataclass(frozen=True, eq=False)
-class Alternative:
+class Candidate:
     """One way to try an effect: with fixed numbers for its shapes, and one probe for each magnitude.
 
     neutral     the effect with these shapes, changing nothing
@@ -54,8 +54,8 @@ class Alternative:
         return effect
 
 
-def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:
-    """The Alternatives of an effect: every combination of its shapes and of its magnitudes' probes."""
+def candidates_for(kind: type[Effect], extent: Extent) -> tuple[Candidate, ...]:
+    """The Candidates of an effect: every combination of its shapes and of its magnitudes' probes."""
     effect = kind().at_neutral()
     parameters = effect.parameters
     shapes = [p for p in parameters.values() if p.neutral is None]
@@ -67,7 +67,7 @@ def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:
         for values in itertools.product(*(p.probes(extent) for p in magnitudes)):
             probes = tuple(neutral.with_parameters({k: v}) for k, v in zip(names, values, strict=True))
             sizes = tuple(v - (p.neutral or 0.0) for v, p in zip(values, magnitudes, strict=True))
-            found.append(Alternative(neutral, names, probes, sizes, _side(magnitudes)))
+            found.append(Candidate(neutral, names, probes, sizes, _side(magnitudes)))
     return tuple(found)
 
 
@@ -80,8 +80,8 @@ def _side(magnitudes: Sequence[Parameter]) -> int:
 
 def candidates(
     model: Model, extent: Callable[[type[Effect]], Extent], names: Iterable[str] | None = None
-) -> dict[str, tuple[Alternative, ...]]:
-    """The Alternatives of each effect that the model may lack: it is in the catalogue (or `names`), neither in the
+) -> dict[str, tuple[Candidate, ...]]:
+    """The Candidates of each effect that the model may lack: it is in the catalogue (or `names`), neither in the
     model nor excluded by it, and has a probe inside its bounds.
 
     `extent` gives the Extent of the log for a kind of effect.
@@ -95,7 +95,7 @@ def candidates(
         kind = CATALOGUE[name]
         if name in present or name in excluded or present & set(kind.excludes):
             continue
-        tried = alternatives(kind, extent(kind))
+        tried = candidates_for(kind, extent(kind))
         if tried:
             found[name] = tried
     return found

@@ -38,7 +38,14 @@ from sysid.planning.design import (
 from sysid.planning.excitation import Limits, rest_angle
 from sysid.planning.non_torque_experiments import never, non_torque_experiment
 from sysid.planning.planned_experiment import DECISIVE, LEAST_EVIDENCE, Contest, Experiment
-from sysid.planning.rival_effects import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
+from sysid.planning.rival_effects import (
+    Hypotheses,
+    checked_names,
+    contested,
+    hypotheses_of,
+    indistinguishable,
+    separable,
+)
 
 
 def next_experiment(
@@ -99,13 +106,13 @@ def next_experiment(
     if cost is not None:
         _check_cost(cost, names, estimate, rivals)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
-        if never(names_of(rivals)):
-            return non_torque_experiment(model, names_of(rivals))
+        if never(checked_names(rivals)):
+            return non_torque_experiment(model, checked_names(rivals))
         if estimate is None and records:
             estimate = first_fit(Samples(model, records, sensor), model, names).estimate()
         model = model if estimate is None else estimate.model
         if rivals:
-            return _telling(hypotheses_of(model, names, rivals, records, conditions), names_of(rivals), rng)
+            return _telling(hypotheses_of(model, names, rivals, records, conditions), checked_names(rivals), rng)
         if estimate is not None:
             conditions = _after(conditions, estimate, records)
             if cost is not None:

@@ -54,7 +54,7 @@ def inertial(model: Model, names: Sequence[str]) -> bool:
     return all(n in own or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
 
 
-def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
+def checked_names(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     """The rivals' names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
     names = tuple(effect(r).name if isinstance(r, str) else r.name for r in rivals)
     if len(set(names)) < len(names):
@@ -74,7 +74,7 @@ def hypotheses_of(
     A rival of unknown size (no log and no numbers, or the log does not show it) has that of its probe. Raises
     InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
-    names = names_of(rivals)
+    names = checked_names(rivals)
     sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
     bare = replace(model, effects=tuple(e for e in model.effects if e.name not in names))
     base = Hypothesis(NOTHING, bare, tuple(n for n in free if n in bare.parameters))

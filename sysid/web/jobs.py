@@ -30,7 +30,7 @@ class Job(NamedTuple):
             self.process.wait()
 
 
-class Processes:
+class SessionProcesses:
     """One process a session; the server has to answer meanwhile, so that each has one thread.
 
     `effects` is the file with the user's own that the command line named.
@@ -70,7 +70,7 @@ class Processes:
             self.of_sessions.clear()
 
 
-class Jobs(Processes):
+class Jobs(SessionProcesses):
     """The work on models in all sessions."""
 
     def begin(self, session: Session, node: int, *more: str) -> None:
@@ -110,7 +110,7 @@ class Jobs(Processes):
         return "starting", "", 0.0
 
 
-class Trainings(Processes):
+class Trainings(SessionProcesses):
     """The trainings of all sessions, by the command line of `policies`, which keeps what was learnt when one ends."""
 
     def begin(self, session: Session, node: int, u_max: float, *more: str) -> None:

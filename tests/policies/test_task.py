@@ -46,7 +46,7 @@ def test_whole_turns_cost_nothing():
 
 def test_start_states_are_uniform_over_the_stated_box():
     rng = np.random.default_rng(0)
-    drawn = task.start_states([rng] * 4000).T / np.array(task.START_HIGH)
+    drawn = task.draw_start_states([rng] * 4000).T / np.array(task.START_HIGH)
     assert np.abs(drawn).max() <= 1.0
     np.testing.assert_allclose(drawn.mean(0), 0.0, atol=4.0 / math.sqrt(3 * 4000))
     np.testing.assert_allclose(drawn.var(0), 1.0 / 3.0, atol=0.02)

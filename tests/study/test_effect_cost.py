@@ -23,7 +23,7 @@ from study.mismatch.effect_cost import (
     write_losses,
 )
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.trials.ground_truth import BLUNT, design, hidden_machine
+from study.trials.ground_truth import BLUNT, hidden_machine, near_optimal
 from study.trials.hidden_plant import ALL_PLANTS
 from sysid import CATALOGUE, DynamicEffect, State
 
@@ -95,7 +95,7 @@ def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
 
 def test_a_batch_of_policies_does_as_each_does_alone(bench):
     model, (theta, theta_dot) = hidden_machine(MAGNITUDES["delay"].at(0.1)), (x[:6] for x in bench.starts)
-    policies = (bench.ignorant[0], design(model, COARSE))
+    policies = (bench.ignorant[0], near_optimal(model, COARSE))
     assert PolicyBatch(policies).history == 2
     together = batch_returns(policies, model, theta, theta_dot)
     for policy, own in zip(policies, together, strict=True):
@@ -103,7 +103,7 @@ def test_a_batch_of_policies_does_as_each_does_alone(bench):
 
 
 def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
-    policy = design(hidden_machine(MAGNITUDES["lag"].at(0.1)), COARSE)
+    policy = near_optimal(hidden_machine(MAGNITUDES["lag"].at(0.1)), COARSE)
     theta, theta_dot = (x[:3] for x in bench.starts)
     past = np.ones((3, policy.history))
     u = [policy(State(theta, theta_dot, memory), 1.0, past) for memory in ((), ((7.0 + 0.0 * theta,),))]

@@ -8,7 +8,7 @@ import pytest
 from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.measured import MeasuredPlant, known_setup, rollouts
+from study.mismatch.measured import MeasuredPlant, known_setup, measured_rollouts
 from study.mismatch.mismatch_plan import MISMATCH_PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.paper.presets import PAPER_PRESETS
@@ -17,7 +17,7 @@ from study.strategies.populations import AgentToTrain, populations
 from study.strategies.session import step
 from study.strategies.strategy import Play
 from study.strategies.trial_plan import Case
-from study.trials.ground_truth import SUBSTEPS, design, ground_truth, hidden_machine, oracle
+from study.trials.ground_truth import SUBSTEPS, ground_truth, hidden_machine, near_optimal, oracle
 from study.trials.hidden_plant import ALL_PLANTS, DELAY_LARGE, MAGNET
 from study.trials.rollout_budget import AT_ONCE, Budget
 from study.trials.training_setup import TrainingSetup, training_setup_of
@@ -30,7 +30,7 @@ SMOKE, ENCODER = MISMATCH_PLANS["mismatch-smoke"], SENSORS["encoder"]
 @pytest.fixture(scope="module")
 def budget():
     """Five rollouts of the plant whose delay costs 30 % of the return."""
-    return Budget(rollouts(DELAY_LARGE, 1, 5), ENCODER, 1)
+    return Budget(measured_rollouts(DELAY_LARGE, 1, 5), ENCODER, 1)
 
 
 @pytest.mark.long
@@ -39,7 +39,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
     plant, starts = ground_truth(DELAY_LARGE), fresh_start_states(7, 100)
 
     def worth(model):
-        return evaluate(design(model), plant, *starts).mean
+        return evaluate(near_optimal(model), plant, *starts).mean
 
     aware, ignorant = worth(oracle(DELAY_LARGE)), worth(hidden_machine(substeps=2))
     named = budget.setup("mended")
@@ -53,7 +53,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
 @pytest.mark.parametrize("seed", [2000, 2015])
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
-    found = Budget(rollouts(DELAY_LARGE, seed, 50)[:10], ENCODER, seed).diagnosis
+    found = Budget(measured_rollouts(DELAY_LARGE, seed, 50)[:10], ENCODER, seed).diagnosis
     assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
 
 
@@ -91,7 +91,7 @@ STICKING = [plant for plant in ALL_PLANTS if ground_truth(plant).dry_frictions]
 def test_a_plant_that_sticks_moves_as_in_finer_steps(plant):
     """Under random torques, far below what any sensor reads."""
     rng = np.random.default_rng(0)
-    u, starts = rng.uniform(-2.0, 2.0, (20, 200)), task.start_states([rng] * 20)
+    u, starts = rng.uniform(-2.0, 2.0, (20, 200)), task.draw_start_states([rng] * 20)
     own, finer = (simulate(hidden_machine(plant.hidden_effect, n), u, *starts) for n in (SUBSTEPS, 4 * SUBSTEPS))
     np.testing.assert_allclose(own.theta, finer.theta, atol=1e-5)
     np.testing.assert_allclose(own.theta_dot, finer.theta_dot, atol=1e-4)
@@ -100,7 +100,7 @@ def test_a_plant_that_sticks_moves_as_in_finer_steps(plant):
 def test_a_smaller_budget_is_the_first_rollouts_of_a_larger_one():
     few, many = (MeasuredPlant(MAGNET, n, 3, drawn=4).play(Play(n)) for n in (2, 4))
     assert [r.u.tolist() for r in few] == [r.u.tolist() for r in many[:2]]
-    assert [r.theta_dot.tolist() for r in few] == [r.theta_dot.tolist() for r in rollouts(MAGNET, 3, 4)[:2]]
+    assert [r.theta_dot.tolist() for r in few] == [r.theta_dot.tolist() for r in measured_rollouts(MAGNET, 3, 4)[:2]]
 
 
 def test_what_was_measured_cannot_be_asked_for_other_torques():
@@ -158,7 +158,7 @@ def test_the_experiments_seeds_are_used_for_nothing_else():
 @pytest.mark.long
 def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
     """Then it trains as under random forces; all effects at once, with what it found, is no further off."""
-    lost = Budget(rollouts(MAGNET, 2, 5), ENCODER, 2)
+    lost = Budget(measured_rollouts(MAGNET, 2, 5), ENCODER, 2)
     assert lost.diagnosis.verdict == "unknown" and not lost.believed
     assert lost.setup("mended").key == lost.setup("random_force").key
     assert budget.believed

@@ -15,7 +15,7 @@ from study.formatting import MINUS
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
 from study.mismatch.mismatch_page import CAPTION, MISMATCH_COLOURS, mismatch_account
 from study.mismatch.mismatch_plan import MISMATCH_PLANS, STRATEGIES
-from study.pipeline.publication import Section
+from study.pipeline.publication import AnswerSection
 from study.statistics import paired_t
 from study.strategies.trial_figures import returns_in_rows
 from study.strategies.trial_findings import Outcome, planned_contrasts
@@ -111,7 +111,7 @@ def html(tmp_path_factory):
     figures = {"returns": save_figure(lambda: Figure(figsize=(1.0, 1.0)), folder / "a.png")}
     told = replace(
         mismatch_account(found),
-        sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
+        sections=[AnswerSection([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
     return told.page({name: (path, CAPTION) for name, path in figures.items()})
 

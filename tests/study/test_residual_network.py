@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from study.mismatch.measured import rollouts
+from study.mismatch.measured import measured_rollouts
 from study.strategies.plant import SENSORS
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import DELAY_LARGE, PLAIN
@@ -75,7 +75,7 @@ def test_stacked_pendulums_move_as_each_alone():
 def test_derivatives_are_finite_differences():
     rng = np.random.default_rng(3)
     weights = Weights.untrained(TRUE, rng)
-    windows = Windows(weights, rollouts(PLAIN, 1, 2)[:1], SENSOR)
+    windows = Windows(weights, measured_rollouts(PLAIN, 1, 2)[:1], SENSOR)
     p = weights.first + 0.05 * rng.standard_normal(weights.first.shape)
     starts = windows.response.starts
     lin = windows.linearise(p, starts)
@@ -90,7 +90,7 @@ def test_derivatives_are_finite_differences():
 def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly_alone():
     """At the noise on rollouts that neither the weights nor their choice saw."""
     for plant, gap in ((DELAY_LARGE, 0.05), (PLAIN, -1.0)):
-        records = rollouts(plant, 1, 16)
+        records = measured_rollouts(plant, 1, 16)
         base = fit(PRIOR, records[:8], SENSOR, ("m", "l")).model
         learned = fit_network(base, records[:8], SENSOR, np.random.default_rng(0))
         before, after = (held(model, records[8:]) for model in (base, learned))
@@ -104,10 +104,10 @@ def held(model, records):
 
 def test_a_learned_torque_predicts_held_out_records_as_any_effect_does():
     """Its weights are arrays within tuples, which no table of compiled steps can hash."""
-    records, effects = rollouts(PLAIN, 1, 2), some_effects(1)
+    records, effects = measured_rollouts(PLAIN, 1, 2), some_effects(1)
     assert held(replace(TRUE, effects=effects), records) > 1.1 * held(TRUE, records)
 
 
 def test_one_rollout_is_too_few():
     with pytest.raises(InvalidInput, match="1 records to learn from: expected at least two"):
-        fit_network(PRIOR, rollouts(PLAIN, 1, 2)[:1], SENSOR, np.random.default_rng(0))
+        fit_network(PRIOR, measured_rollouts(PLAIN, 1, 2)[:1], SENSOR, np.random.default_rng(0))

@@ -13,7 +13,7 @@ from policies.evaluation import evaluate, rollout
 from study.paper.protocol import paper_model
 from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
-from study.strategies.identified import designed
+from study.strategies.identified import designed_torques
 from study.strategies.learned_search import META_TRAINING_GRID, AdaptSim, AutoTuned, Levels
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.readings import sensed, smoothed, smoothing_covariance, summary_statistics
@@ -165,7 +165,7 @@ def test_designed_torques_leave_narrower_intervals_than_random_ones():
     plant, rng = BudgetedPlant(model, "encoder", 40, seed=4), np.random.default_rng(1)
     rough = fit(PRIOR, plant.play(Play(1)), sensor, ("m", "l"))
     own = Situation(PRIOR, sensor, 4, 4, rng)
-    torques = designed(rough, own, 3, 10.0)
+    torques = designed_torques(rough, own, 3, 10.0)
     assert torques.shape == (3, 200) and np.max(np.abs(torques)) <= PRIOR.u_max
     found = fit(PRIOR, plant.play(Play(3, torques, at_rest=True)), sensor, ("m", "l"))
     plain = fit(PRIOR, plant.play(Play(3, at_rest=True)), sensor, ("m", "l"))
@@ -213,7 +213,7 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
     rng, lost = np.random.default_rng(2), []
     for truth in ((1.5, 1.2), (2.0, 1.5), (2.5, 2.2), (1.2, 2.0)):
         target = paper_model(*truth)
-        starts = task.start_states([rng] * 20)
+        starts = task.draw_start_states([rng] * 20)
 
         def returned(values, target=target, starts=starts):
             return evaluate(solve(paper_model(*values), META_TRAINING_GRID), target, *starts).mean

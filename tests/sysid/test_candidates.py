@@ -11,7 +11,7 @@ import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
 from sysid.data.record import extent_of
-from sysid.physics.candidates import Alternative, alternatives, candidates
+from sysid.physics.candidates import Candidate, candidates, candidates_for
 from sysid.physics.parameters import NEVER, Extent, parameter
 from sysid.planning.excitation import multisine
 
@@ -30,15 +30,15 @@ def motion(model: Model) -> np.ndarray:
 
 
 @pytest.fixture(params=CATALOGUE)
-def tried(request: pytest.FixtureRequest) -> tuple[Alternative, ...]:
-    return alternatives(CATALOGUE[request.param], EXTENT)
+def tried(request: pytest.FixtureRequest) -> tuple[Candidate, ...]:
+    return candidates_for(CATALOGUE[request.param], EXTENT)
 
 
-def some(tried: tuple[Alternative, ...]) -> list[Alternative]:
+def some(tried: tuple[Candidate, ...]) -> list[Candidate]:
     return [tried[i] for i in sorted({0, len(tried) // 2, len(tried) - 1})]
 
 
-def test_neutral_changes_nothing_and_probes_do(tried: tuple[Alternative, ...]) -> None:
+def test_neutral_changes_nothing_and_probes_do(tried: tuple[Candidate, ...]) -> None:
     plain = motion(rod())
     for a in some(tried):
         assert np.max(np.abs(motion(rod(a.neutral)) - plain)) < 1e-12
@@ -46,7 +46,7 @@ def test_neutral_changes_nothing_and_probes_do(tried: tuple[Alternative, ...]) -
             assert np.max(np.abs(motion(rod(probe)) - plain)) > 1e-9
 
 
-def test_one_probe_a_magnitude_at_its_stated_size(tried: tuple[Alternative, ...]) -> None:
+def test_one_probe_a_magnitude_at_its_stated_size(tried: tuple[Candidate, ...]) -> None:
     for a in tried:
         assert len(a.magnitudes) == len(a.probes) == len(a.sizes) >= 1
         shapes = {k: v for k, v in a.neutral.parameters.items() if k not in a.magnitudes}
@@ -58,7 +58,7 @@ def test_one_probe_a_magnitude_at_its_stated_size(tried: tuple[Alternative, ...]
             assert all(probe.parameters[s].value == shapes[s].value for s in shapes)
 
 
-def test_a_magnitude_is_tried_on_the_side_on_which_it_can_be(tried: tuple[Alternative, ...]) -> None:
+def test_a_magnitude_is_tried_on_the_side_on_which_it_can_be(tried: tuple[Candidate, ...]) -> None:
     for a in tried:
         low, high = a.neutral.parameters[a.magnitudes[0]].bounds
         neutral = a.neutral.parameters[a.magnitudes[0]].neutral
@@ -70,7 +70,7 @@ def test_a_magnitude_is_tried_on_the_side_on_which_it_can_be(tried: tuple[Altern
 
 
 @pytest.mark.parametrize("factor", [-1e9, 0.0, 1.0, 1e9])
-def test_a_fit_begins_inside_the_bounds(tried: tuple[Alternative, ...], factor: float) -> None:
+def test_a_fit_begins_inside_the_bounds(tried: tuple[Candidate, ...], factor: float) -> None:
     for a in some(tried):
         for k, p in a.at([factor * size for size in a.sizes]).parameters.items():
             low, high = p.bounds
@@ -79,25 +79,25 @@ def test_a_fit_begins_inside_the_bounds(tried: tuple[Alternative, ...], factor: 
 
 
 def test_a_size_within_the_bounds_is_taken_as_it_is() -> None:
-    (coulomb,) = alternatives(CATALOGUE["coulomb"], EXTENT)
+    (coulomb,) = candidates_for(CATALOGUE["coulomb"], EXTENT)
     assert coulomb.at((0.37,)).tau_c == pytest.approx(0.37)
-    (gain,) = alternatives(CATALOGUE["torque_gain"], EXTENT)
+    (gain,) = candidates_for(CATALOGUE["torque_gain"], EXTENT)
     assert gain.at((-0.2,)).c == pytest.approx(0.8)
 
 
 def test_a_limit_at_never_begins_at_its_probe() -> None:
-    for a in alternatives(CATALOGUE["saturation"], EXTENT):
+    for a in candidates_for(CATALOGUE["saturation"], EXTENT):
         assert a.neutral.limit >= NEVER
         assert a.at((-3.0,)).limit == a.probes[0].limit < EXTENT.u_max
 
 
 def test_shapes_are_tried_in_every_combination() -> None:
-    assert len(alternatives(CATALOGUE["viscous"], EXTENT)) == 1
-    stribeck = alternatives(CATALOGUE["stribeck"], EXTENT)
+    assert len(candidates_for(CATALOGUE["viscous"], EXTENT)) == 1
+    stribeck = candidates_for(CATALOGUE["stribeck"], EXTENT)
     assert [a.neutral.v_s for a in stribeck] == [0.05, 0.15, 0.5]
     assert all(a.magnitudes == ("tau_c", "excess") and a.side == 0 for a in stribeck)
-    assert len(alternatives(CATALOGUE["ripple"], EXTENT)) == 23
-    assert len(alternatives(CATALOGUE["saturation"], EXTENT)) == 5
+    assert len(candidates_for(CATALOGUE["ripple"], EXTENT)) == 23
+    assert len(candidates_for(CATALOGUE["saturation"], EXTENT)) == 5
 
 
 @pytest.mark.parametrize("u_max", [1e-7, 1e4, 1e9])
@@ -143,4 +143,4 @@ def test_extent_is_that_of_the_longest_and_strongest() -> None:
 
     assert extent_of([record(10, -3.0), record(50, 1.0)]) == pytest.approx(Extent(DT, 1.0, 3.0))
     silent = extent_of([record(10, 0.0)])
-    assert all(len(alternatives(kind, silent)) >= 1 for kind in CATALOGUE.values()), "a free swing has no torque"
+    assert all(len(candidates_for(kind, silent)) >= 1 for kind in CATALOGUE.values()), "a free swing has no torque"

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from sysid.data.sensor import Sensor
 from sysid.diagnosis import confirmation
 from sysid.diagnosis.answer import MissingTorque, Remaining
-from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_of
+from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_added
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.effects import CATALOGUE
@@ -51,7 +51,7 @@ class Scripted(Confirmation):
         return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
 
     def fit_with(self, additions: Sequence[Any]) -> Any:
-        return names_of(additions), self.error(names_of(additions))
+        return names_added(additions), self.error(names_added(additions))
 
     def torque(self, end: Any) -> Any:
         return _torque(1.0)
@@ -81,7 +81,7 @@ def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: 
     ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
     with scripted():
         found = Scripted(dict(zip(SUBSETS, ratios, strict=True)), hiding)
-    kept = names_of(found.additions)
+    kept = names_added(found.additions)
     assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)
     assert set(kept) | set(found.unconfirmed) == set(NAMES) and not set(kept) & set(found.unconfirmed)
     assert not hiding & set(kept)
@@ -93,7 +93,7 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     with scripted() as patch:
         patch.setattr(confirmation, "is_undetermined", lambda _, name: name == unknown)
         found = Scripted(fewer, frozenset())
-    assert names_of(found.additions) == tuple(sorted(set(NAMES) - {unknown}))
+    assert names_added(found.additions) == tuple(sorted(set(NAMES) - {unknown}))
     assert found.unconfirmed == [unknown]
 
 
@@ -103,7 +103,7 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
     with scripted() as patch:
         patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
-    assert names_of(found.additions) == (("coulomb",) if stays else ())
+    assert names_added(found.additions) == (("coulomb",) if stays else ())
 
 
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
@@ -112,7 +112,7 @@ def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> N
         patch.setattr(Base, "samples", SimpleNamespace(shared=1))
         patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
-    assert names_of(found.additions) == ("coulomb",)
+    assert names_added(found.additions) == ("coulomb",)
 
 
 @pytest.mark.parametrize(("small", "stays"), [("coulomb", True), ("viscous", True), ("tilt", False)])
@@ -122,7 +122,7 @@ def test_a_rarer_effect_has_to_do_more_to_stay(small: str, stays: bool) -> None:
     beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
-    assert names_of(found.additions) == tuple(name for name in NAMES if stays or name != small)
+    assert names_added(found.additions) == tuple(name for name in NAMES if stays or name != small)
 
 
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (0.97, True)])
@@ -131,7 +131,7 @@ def test_a_rare_effect_alone_has_to_lower_the_error_too(share: float, stays: boo
     beyond = {own: 4.0 * (share if "tilt" in own else 1.0) for own in SUBSETS}
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
-    assert names_of(found.additions) == (("tilt",) if stays else ())
+    assert names_added(found.additions) == (("tilt",) if stays else ())
 
 
 @pytest.mark.parametrize(("share", "stays"), [(0.75, False), (0.65, True)])
@@ -143,16 +143,16 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
     with scripted() as patch:
         patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
-    assert ("tilt" in names_of(found.additions)) is stays
+    assert ("tilt" in names_added(found.additions)) is stays
 
 
 def test_with_which_nothing_remains_a_rare_effect_need_not_lower_the_held_out_error() -> None:
     with scripted() as patch:
         patch.setattr(Scripted, "_remains", lambda _, end: "tilt" not in end)
         found = Scripted({own: 2.0 for own in SUBSETS}, frozenset())
-        assert names_of(found.additions) == ("tilt",)
+        assert names_added(found.additions) == ("tilt",)
         raised = Scripted({own: 2.01 if "tilt" in own else 2.0 for own in SUBSETS}, frozenset())
-    assert "tilt" not in names_of(raised.additions)
+    assert "tilt" not in names_added(raised.additions)
 
 
 @pytest.mark.parametrize("kept", NAMES)
@@ -165,7 +165,7 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
         patch.setattr(confirmation, "is_plausible", lambda _, names: other not in names or kept in names)
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
-    assert names_of(found.additions) == (kept,)
+    assert names_added(found.additions) == (kept,)
 
 
 SEEN, UNSEEN = (0.1, 0.01), (0.01, 0.01)
@@ -192,5 +192,5 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
         patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))
         found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
     assert found.friction is (friction if said else None)
-    assert names_of(found.additions) == (() if said else NAMES)
+    assert names_added(found.additions) == (() if said else NAMES)
     assert not found.unconfirmed

@@ -34,7 +34,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import Score, alikeness, scores
 from sysid.estimation.solver import Settings, fit_parameters
-from sysid.physics.candidates import alternatives
+from sysid.physics.candidates import candidates_for
 from sysid.physics.effects import JointEffect
 from sysid.physics.parameters import Extent
 from sysid.planning.excitation import steps
@@ -88,7 +88,7 @@ def test_p_values_are_uniform(many: list[dict[str, Score]]) -> None:
     """LM is chi-square; where an effect can be on one side only, half of all logs point to the other: LM = 0."""
     for name in SINGLE:
         lm = np.array([own[name].lm for own in many])
-        if alternatives(CATALOGUE[name], EXTENT)[0].side:
+        if candidates_for(CATALOGUE[name], EXTENT)[0].side:
             few, most = binom.ppf([0.0005, 0.9995], SEEDS, 0.5)
             assert few <= np.count_nonzero(lm == 0.0) <= most, name
             lm = lm[lm > 0.0]
@@ -140,7 +140,7 @@ def test_size_sd_and_lm_are_those_of_the_refit(name: str) -> None:
 def test_z_is_what_the_innovations_lose_with_the_effect(name: str, beside: str, clean: Fit) -> None:
     """As the model with the effect itself shows it, about the same motion, whitened by the same factor; but for what
     the change of the motion within an interval makes of a torque."""
-    tried = alternatives(CATALOGUE[name], EXTENT)
+    tried = candidates_for(CATALOGUE[name], EXTENT)
     probe = tried[len(tried) // 2].probes[0]
     system, filter = clean.linearised.system, clean.linearised.system.filter(BESIDE[beside])
     z = filter.whiten(*clean.linearised.effect_changes([probe], [1.0]))[:, 0]
