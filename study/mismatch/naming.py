@@ -153,7 +153,7 @@ def measure(plant: HiddenPlant, n: int, seed: int, budget: Budget) -> NamingResu
 
 def steps_of(found: Diagnosis) -> tuple[str, ...]:
     """The steps in a word each, those that belong to the log included."""
-    return tuple("/".join(step.alike) for step in (*found.steps, *found.conventions))
+    return tuple("/".join(step.indistinguishable) for step in (*found.steps, *found.conventions))
 
 
 def _error(estimate: Estimate) -> float:

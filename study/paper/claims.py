@@ -166,13 +166,13 @@ def _improvements(means: Mapping[Spot, float]) -> str:
 def starts(
     seeds: Sequence[int] = SEEDS,
     ours: Outcomes | None = None,
-    alike: Collection[str] = ("main",),
+    main_points: Collection[str] = ("main",),
     optima: Callable[[Sequence[int]], Sequence[float]] | None = None,
 ) -> Claim:
     """Do seeds have start states of their own, and what changes where they do?
 
-    alike: operating points on the paper's main plant, of whose cells the best one is told; optima: mean return of the
-    near-optimal policy there for such seeds, from the start states that they share and from those that they do not.
+    main_points: operating points on the paper's main plant, of whose cells the best one is told; optima: mean return of
+    the near-optimal policy there for such seeds, from the start states that they share and from those that they do not.
     """
     states, total = distinct_starts(seeds)
     text = (
@@ -186,7 +186,7 @@ def starts(
             f" From start states that no two seeds share, the mean moves by {signed(float(np.mean(moved)))} over "
             f"{len(spots)} cells, from {signed(min(moved))} to {signed(max(moved))}."
         )
-        if there := [spot for spot in spots if spot.point in alike]:
+        if there := [spot for spot in spots if spot.point in main_points]:
             text += _best(ours, max(there, key=lambda spot: ours.summary(spot).mean), optima)
         text += _changed(ours, spots)
     return Claim("starts", IN_PART if states < total else HOLDS, text)

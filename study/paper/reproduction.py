@@ -111,12 +111,12 @@ def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
 
 
 def _claims(found: Sequence[PointFindings], swept: Outcomes | None, scatter: Scatter | None) -> list[Claim]:
-    alike = _on_main(found)
+    on_main = _on_main(found)
 
     def optima(seeds: Sequence[int]) -> list[float]:
-        return [float(np.mean(alike[0].reference(OPTIMAL, seeds, fresh=fresh))) for fresh in (False, True)]
+        return [float(np.mean(on_main[0].reference(OPTIMAL, seeds, fresh=fresh))) for fresh in (False, True)]
 
-    starts = claims.starts(SEEDS, swept, [answer.point.name for answer in alike], optima if alike else None)
+    starts = claims.starts(SEEDS, swept, [answer.point.name for answer in on_main], optima if on_main else None)
     identified = [claims.rate(scatter), claims.bias(scatter), claims.error_floor(scatter)] if scatter else []
     return [*identified, claims.plateau(swept), claims.monotone(swept), starts]
 

@@ -1,7 +1,7 @@
 """A strategy's dialogue with the plant and with training, as far as the agents go that are trained already.
 
     reached = advance(strategy, situation, plant, agents)     Waiting for agents, or Finished
-    rounds = steps(plan, current, cases, folder, progress)     of many dialogues, as plain data
+    rounds = case_rounds(plan, current, cases, folder, progress)     of many dialogues, as plain data
 
 Nothing of a dialogue is stored but its agents: the plant gives the same rollouts again, and strategies draw from the
 situation's generator, so that it is repeated to where it stopped. So a study can be interrupted anywhere, and a round

@@ -88,7 +88,7 @@ def network(inputs: Sequence[Value], layers: Layers) -> Value:
             x = casadi.mtimes(W.T, ops.tanh(x) if i else x) + b
         return x
     for i, (W, b) in enumerate(layers):
-        x = _affine(ops.tanh(x) if i else x, *ops.alike(x, W, b))
+        x = _affine(ops.tanh(x) if i else x, *ops.as_type_of(x, W, b))
     return x[..., 0]
 
 

@@ -115,18 +115,18 @@ def _pieces(
     Pieces shorter than `least` [s] are merged with a neighbour."""
     middle = begin + record.dt * (np.arange(len(record)) + 0.5)
     inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
-    for first, last in _alike(inside):
+    for first, last in _runs(inside):
         if (last - first) * record.dt < least:
             inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
     if np.all(inside == inside[0]):
         yield record, bool(inside[0])
         return
-    for k, (first, last) in enumerate(_alike(inside), start=1):
+    for k, (first, last) in enumerate(_runs(inside), start=1):
         what = name if inside[first] else "part"
         yield record.part(first, last, f"{record.name}, {what} {k}"), bool(inside[first])
 
 
-def _alike(marks: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _runs(marks: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Begin and end of each run of equal marks (K,)."""
     return pairwise([0, *(np.flatnonzero(np.diff(marks)) + 1).tolist(), len(marks)])
 
@@ -139,7 +139,7 @@ def leave_out(records: Sequence[Record], stretches: Iterable[tuple[str, float, f
         for name, begin, end in stretches:
             if name == record.name:
                 acts &= (record.t[1:] < begin - MARGIN) | (record.t[:-1] > end + MARGIN)
-        for first, last in _alike(acts):
+        for first, last in _runs(acts):
             if acts[first] and (last - first == n or (last - first) * record.dt >= SHORTEST_PIECE):
                 kept.append(record.part(first, last))
     return tuple(kept)

@@ -60,16 +60,16 @@ class Alternative:
 class Step:
     """An effect that was added.
 
-    alike          effects that this log cannot tell from it, itself first
-    rivals         those of them that other logs could tell from it
-    parameters     its numbers {name: {value, sd, unit}} in the final fit
-    error_before   held-out error of predictions before the step (error_after: after it), in units of the sensor noise;
-                   effects that pay only together share one fall of the error
-    p_value        of the likelihood ratio when it was added, without regard to its rarity
+    indistinguishable  effects that this log cannot tell from it, itself first
+    rivals             those of them that other logs could tell from it
+    parameters         its numbers {name: {value, sd, unit}} in the final fit
+    error_before       held-out error of predictions before the step (error_after: after it), in units of the sensor
+                       noise; effects that pay only together share one fall of the error
+    p_value            of the likelihood ratio when it was added, without regard to its rarity
     """
 
     effect: str
-    alike: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     rivals: tuple[str, ...]
     parameters: dict[str, dict[str, Any]]
     error_before: float
@@ -86,7 +86,7 @@ class Step:
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         names = ("effect", "parameters", "error_before", "error_after", "p_value")
-        return told(self, *names) | {"class": list(self.alike)}
+        return told(self, *names) | {"class": list(self.indistinguishable)}
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ class Diagnosis:
         elif self.verdict == "unknown":
             parts = ["no known effect pays", self._predicted(), *left]
         elif self.verdict == "cannot tell":
-            classes = "; ".join(" or ".join(s.alike) for s in self.steps if s.rivals)
+            classes = "; ".join(" or ".join(s.indistinguishable) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
         else:
             explains = share and f" explain{'s' * (len(self.steps) == 1)} {share}"
@@ -423,7 +423,11 @@ class Diagnosis:
             place = "".join(f" in place of {own}" for own in gone if own in CATALOGUE[step.effect].contains)
             lines.append(
                 f"  + {with_numbers(step.effect, step.parameters)}{place}: {fell}, {chance(step.p_value)}"
-                + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
+                + (
+                    f"; this log cannot tell it from {', '.join(step.indistinguishable[1:])}"
+                    if len(step.indistinguishable) > 1
+                    else ""
+                )
             )
         added = {step.effect for step in (*self.conventions, *self.steps)}
         given = [e.name for e in self.estimate.model.effects if e.name not in added]

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from sysid.data.json_file import told
 from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_unit
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -13,7 +14,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
-from sysid.estimation.scores import alikeness, price, scores
+from sysid.estimation.scores import collinearity, price, scores
 from sysid.estimation.solver import QUICK, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, Joint, JointEffect
 from sysid.physics.ops import Value
@@ -36,18 +37,23 @@ FITTED_EACH_ROUND = 4
 class Cause:
     """A known effect that explains a part of the model's error, fitted beside the other causes.
 
-    effect   its name; "plant" if the model's own numbers are off
-    alike    other effects that this log cannot tell from it
-    numbers  its fitted numbers, {name: {value, sd, unit}}
-    share    of the squared error over 1 s, beyond the noise, that it explains
-    words    what it is and its size
+    effect             its name; "plant" if the model's own numbers are off
+    indistinguishable  other effects that this log cannot tell from it
+    numbers            its fitted numbers, {name: {value, sd, unit}}
+    share              of the squared error over 1 s, beyond the noise, that it explains
+    words              what it is and its size
     """
 
     effect: str
-    alike: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     numbers: dict[str, dict[str, Any]]
     share: float
     words: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        rest = told(self, "numbers", "share", "words")
+        return {"effect": self.effect, "alike": list(self.indistinguishable)} | rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,24 +89,24 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
     error   of the model over 1 s on the same records
     """
     excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[Cause]()
-    told: tuple[Cause, ...] = ()
+    plant: tuple[Cause, ...] = ()
     if names:
         found = fit_parameters(found.samples, found.model, names, found, settings=QUICK)
         before = min(_error(found, error), error.ratio)
         share = (error.ratio**2 - before**2) / excess
-        told = (_other_numbers(found, share),) if share > LARGE_SHARE else ()
+        plant = (_other_numbers(found, share),) if share > LARGE_SHARE else ()
     while len(chosen) < MOST_CAUSES:
         best = _best(found)
         if best is None:
             break
-        effect, alike, found = best
+        effect, indistinguishable, found = best
         after = _error(found, error)
         share = (before**2 - after**2) / excess
         if not share > (LEAST_EXPLAINED if chosen else 0.0):
             break
-        chosen.append(Cause(effect, alike, {}, min(share, 1.0), ""))
+        chosen.append(Cause(effect, indistinguishable, {}, min(share, 1.0), ""))
         before, end = after, found
-    return (*told, *_sized(chosen, end.estimate())) if chosen else told
+    return (*plant, *_sized(chosen, end.estimate())) if chosen else plant
 
 
 def _error(found: Fit, error: HeldOutError) -> float:
@@ -127,7 +133,7 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     if not name or not paid[name] > 0.0:
         return None
     others = (n for n, s in tested.items() if n != name and name in tested and s.lm > 0.0)
-    return name, tuple(n for n in others if alikeness(tested[n], tested[name]) > DEFAULT.alike), fits[name]
+    return name, tuple(n for n in others if collinearity(tested[n], tested[name]) > DEFAULT.collinear), fits[name]
 
 
 def _other_numbers(found: Fit, share: float) -> Cause:
@@ -156,8 +162,8 @@ def _words(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
         said = f"{what} of about {sizes.popitem()[1]}"
     else:
         said = f"{what} (about {', '.join(f'{name} = {size}' for name, size in sizes.items())})"
-    alike = [CATALOGUE[n].words or n.replace("_", " ") for n in chosen.alike]
-    return said + (f", or {' or '.join(alike)}, which moves these readings alike" if alike else "")
+    others = [CATALOGUE[n].words or n.replace("_", " ") for n in chosen.indistinguishable]
+    return said + (f", or {' or '.join(others)}, which moves these readings alike" if others else "")
 
 
 def _size(value: float, unit: str) -> str:

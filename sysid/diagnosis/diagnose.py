@@ -266,13 +266,15 @@ class _Report:
 
     def _experiment(self, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
         """The experiment to play next if an effect has rivals that this log cannot tell from it."""
-        alike = next((s.alike for s in machine if s.rivals), None)
-        if alike is None:
+        indistinguishable = next((s.indistinguishable for s in machine if s.rivals), None)
+        if indistinguishable is None:
             return None
         from sysid.planning.next_experiment import next_experiment
 
         try:
-            return next_experiment(end.estimate(), alike, sensor=self.search.sensor, records=self.search.records)
+            return next_experiment(
+                end.estimate(), indistinguishable, sensor=self.search.sensor, records=self.search.records
+            )
         except InvalidInput:  # no torque in the log, or rivals that exclude each other
             return None
 
@@ -297,7 +299,7 @@ class _Report:
             steps.append(
                 Step(
                     effect=addition.name,
-                    alike=(addition.name, *addition.same, *addition.close),
+                    indistinguishable=(addition.name, *addition.same, *addition.close),
                     rivals=addition.close,
                     parameters=fitted_numbers(estimate, addition.name),
                     error_before=errors[first],

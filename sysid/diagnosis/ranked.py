@@ -30,17 +30,18 @@ _LEAST_SHARE = 0.3
 class Ranked:
     """A candidate of the first round.
 
-    alike       effects that the log cannot tell from it, itself first
-    score       decrease of the deviance (-2 log likelihood) beyond the price, expected or, if it was fitted, found
-    p_value     of the score test, multiplied by the number of effects that were tested (Bonferroni's correction)
-    fit         the fit with it, if it was fitted
-    needed      the random torque beside which missing torques are found
-    missing     RMS of the torque [N m] that is missing without it
-    held_out    the function that gives the held-out error of a fit
+    indistinguishable  effects that the log cannot tell from it, itself first
+    score              decrease of the deviance (-2 log likelihood) beyond the price, expected or, if it was fitted,
+                       found
+    p_value            of the score test, multiplied by the number of effects that were tested (Bonferroni's correction)
+    fit                the fit with it, if it was fitted
+    needed             the random torque beside which missing torques are found
+    missing            RMS of the torque [N m] that is missing without it
+    held_out           the function that gives the held-out error of a fit
     """
 
     effect: str
-    alike: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     score: float
     p_value: float
     fit: Fit | None = None
@@ -73,7 +74,7 @@ class Ranked:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return told(self, "effect", "score", "p_value", "error_after") | {"class": list(self.alike)}
+        return told(self, "effect", "score", "p_value", "error_after") | {"class": list(self.indistinguishable)}
 
 
 @dataclass(frozen=True, eq=False)

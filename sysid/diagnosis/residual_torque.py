@@ -70,12 +70,12 @@ class Binned:
         mean, B = np.nan_to_num(self.mean), len(self.mean)
         mean = np.where(np.abs(mean) > 2.0 * np.nan_to_num(self.sd), mean, 0.0)
         at = int(np.argmax(np.abs(mean)))
-        alike = mean * np.sign(mean[at]) >= 0.5 * abs(mean[at])
+        strong = mean * np.sign(mean[at]) >= 0.5 * abs(mean[at])
         round_about = self.name == "theta" and math.isclose(self.edges[-1] - self.edges[0], 2.0 * math.pi)
         low, high = at, at
-        while alike[(low - 1) % B] and (round_about or low > 0) and high - low < B - 1:
+        while strong[(low - 1) % B] and (round_about or low > 0) and high - low < B - 1:
             low -= 1
-        while alike[(high + 1) % B] and (round_about or high < B - 1) and high - low < B - 1:
+        while strong[(high + 1) % B] and (round_about or high < B - 1) and high - low < B - 1:
             high += 1
         width = self.edges[1] - self.edges[0]
         return float(self.edges[at] + (low - at) * width), float(self.edges[at] + (high + 1 - at) * width)

@@ -29,7 +29,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled, without_free
-from sysid.estimation.scores import Score, alikeness, price, scores
+from sysid.estimation.scores import Score, collinearity, price, scores
 from sysid.estimation.solver import QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
@@ -222,8 +222,8 @@ class Search:
         """Fit an effect by the preferred member of its class, the effects that the log cannot tell from it; and, while
         a member's fit ends at a bound, by the next one. The effect itself is the last."""
         own = self.last[name]
-        alike = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
-        for chosen in (*alike, name):
+        others = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
+        for chosen in (*others, name):
             same = [t for t in tried if len(t.effects) == 1 and self._same(self.last[t.effects[0]], self.last[chosen])]
             if any(not at_bound(t.fit, t.effects[0]) for t in same):
                 return
@@ -231,7 +231,7 @@ class Search:
                 self._try(now, (chosen,), tried)
 
     def _same(self, a: Score, b: Score) -> bool:
-        return a.name == b.name or alikeness(a, b) > self.settings.same
+        return a.name == b.name or collinearity(a, b) > self.settings.same
 
     def inseparable(self, name: str) -> tuple[str, ...]:
         """The effects that the log cannot tell from this one in the first round, whatever their sizes."""
@@ -389,7 +389,7 @@ class Search:
                     and t.effects[0] not in (name, *same)
                     and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.close
                     and len(t.fit.names) <= len(chosen.fit.names)
-                    and alikeness(self.last[t.effects[0]], own) > self.settings.rival
+                    and collinearity(self.last[t.effects[0]], own) > self.settings.rival
                     and (chosen.fit.undisturbed or not self._predicts_better(t.fit, chosen.fit))
                 )
             numbers = len(chosen.fit.names) - len(now.names)
@@ -398,14 +398,14 @@ class Search:
         return settled(chosen.fit)
 
     def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
-        """The effects, `alike` the chosen one, with which the log is as likely up to a difference below `twin`."""
+        """The effects, `collinear` with the chosen one, with which the log is as likely: up to `equal_deviance`."""
         own = self.last[chosen.effects[0]]
         return tuple(
             t.effects[0]
             for t in trials
             if len(t.effects) == 1
-            and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.twin
-            and alikeness(self.last[t.effects[0]], own) > self.settings.alike
+            and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.equal_deviance
+            and collinearity(self.last[t.effects[0]], own) > self.settings.collinear
         )
 
     def _pruned(self, now: Fit) -> Fit:

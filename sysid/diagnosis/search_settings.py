@@ -15,7 +15,8 @@ SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
 class SearchSettings:
     """What counts as evidence, and what counts as large enough to matter.
 
-    The alikeness of two effects is the cosine between their sensitivities (`alikeness`): 1 if a log shows both alike.
+    The collinearity of two effects is the cosine between their sensitivities (`collinearity`): 1 if this log cannot
+    tell them apart.
 
     Attributes
     ----------
@@ -47,16 +48,16 @@ class SearchSettings:
     clear : float
         Squared size from which leaving the effect out is not tried: ten standard deviations.
     same : float
-        Alikeness from which two effects are the same to this log.
-    alike : float
-        Alikeness from which telling two effects apart takes 100 times the evidence of finding one.
-    twin : float
-        Difference of the deviance below which effects that are `alike` are the same to this log, too: where the fit is
-        far from the truth, their sensitivities differ a little, but what they explain does not.
+        Collinearity from which two effects are the same to this log.
+    collinear : float
+        Collinearity from which telling two effects apart takes 100 times the evidence of finding one.
+    equal_deviance : float
+        Difference of the deviance below which effects that are `collinear` are the same to this log, too: where the fit
+        is far from the truth, their sensitivities differ a little, but what they explain does not.
     close : float
         Difference of the deviance below which two effects explain a log equally well, if they are rivals.
     rival : float
-        Alikeness from which two effects are rivals.
+        Collinearity from which two effects are rivals.
     enough : float
         Error of predictions beyond the noise, as a multiple of the noise, from which something that matters is still
         missing.
@@ -98,8 +99,8 @@ class SearchSettings:
     sure: float = 4.0
     clear: float = 100.0
     same: float = 1.0 - 1e-5
-    alike: float = 0.995
-    twin: float = 0.1
+    collinear: float = 0.995
+    equal_deviance: float = 0.1
     close: float = 3.0
     rival: float = 0.8
     enough: float = 0.3

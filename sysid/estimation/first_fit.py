@@ -18,7 +18,7 @@ from sysid.physics.model import Model
 
 COMMON = ("viscous", "coulomb", "torque_bias")
 """Effects that a first fit adds to the plant, so that friction and an offset do not bend inertia and gravity."""
-ALIKE = 0.05
+EQUAL_INERTIA = 0.05
 """Relative difference of two inertias up to which fits from two guesses have ended at the same optimum."""
 FIRST_CORRELATION_TIMES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: from nearly white to the length of a prediction."""
@@ -46,7 +46,7 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
             guesses.append((special, (*names, *special.names_of(effect))))
     for guess, free in guesses:
         helped = with_common(samples, guess, free)
-        if all(abs(math.log(helped.inertia / other.inertia)) > ALIKE for other in found):
+        if all(abs(math.log(helped.inertia / other.inertia)) > EQUAL_INERTIA for other in found):
             found.append(helped)
     return found
 

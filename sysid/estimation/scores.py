@@ -109,7 +109,7 @@ def _tested(e: Array, candidate: Candidate, z: Array, length: Array, shapes: int
     return Score(candidate.name, lm, shapes, candidate, tuple(sizes.tolist()), tuple(sd.tolist()), z, visible, absorbed)
 
 
-def alikeness(a: Score, b: Score) -> float:
+def collinearity(a: Score, b: Score) -> float:
     """The smallest cosine between the spaces in which two effects change the innovations; 0 for unequal dimensions."""
     if not a.visible or not b.visible or a.z.shape != b.z.shape:
         return 0.0

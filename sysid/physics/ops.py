@@ -158,7 +158,7 @@ def stack(values: Sequence[Value]) -> Value:
     return np.stack(np.broadcast_arrays(*values), -1)
 
 
-def alike(like: Value, *values: Value) -> tuple[Value, ...]:
+def as_type_of(like: Value, *values: Value) -> tuple[Value, ...]:
     """The values as tensors of the type and on the device of `like` if that is a tensor; else as they are."""
     torch = _tensor_module((like,))
     return values if torch is None else tuple(_as_tensors(torch, (like, *values))[1:])

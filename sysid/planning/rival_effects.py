@@ -208,5 +208,5 @@ def separable(
 def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
     """Each hypothesis that no torque tells from an earlier one, with that one."""
     order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
-    alike = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
-    return {c.truth: c.rival for c in alike if c.rival in order[: order.index(c.truth)]}
+    equal = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
+    return {c.truth: c.rival for c in equal if c.rival in order[: order.index(c.truth)]}

@@ -271,11 +271,11 @@ def ranking(answer: Diagnosis, most: int = 9) -> Figure:
     """The classes of the first round by what they would explain; a class is what this log cannot tell apart."""
     rows: list[Any] = []
     for r in answer.ranking:
-        if not any(r.effect in other.alike for other in rows):
+        if not any(r.effect in other.indistinguishable for other in rows):
             rows.append(r)
     rows = rows[:most]
-    added = {name for s in (*answer.steps, *answer.conventions) for name in s.alike}
-    labels = [textwrap.fill(", ".join(r.alike), 26) for r in rows]
+    added = {name for s in (*answer.steps, *answer.conventions) for name in s.indistinguishable}
+    labels = [textwrap.fill(", ".join(r.indistinguishable), 26) for r in rows]
     return drawn(
         WIDE,
         0.75 + 0.3 * sum(0.55 + 0.45 * (1 + text.count("\n")) for text in labels),

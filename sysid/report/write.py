@@ -244,7 +244,7 @@ def _step(step: Step, of_log: bool) -> list[str]:
         typesetting.typeset_multiple(step.error_before),
         typesetting.typeset_multiple(step.error_after),
         chance(step.p_value),
-        ", ".join(step.alike[1:]),
+        ", ".join(step.indistinguishable[1:]),
         kind.formula.replace("-", typesetting.MINUS) if kind is not None else "",
     ]
 

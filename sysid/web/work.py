@@ -208,7 +208,7 @@ class Work:
         write_report(answer, self.folder / Answer.REPORT)
 
     def experiment(self) -> None:
-        """What to play next: what tells alike effects apart, or else what narrows the widest interval."""
+        """What to play next: what tells indistinguishable effects apart, or else what narrows the widest interval."""
         found = self.session.read(self.number, Answer.EFFECTS)
         best = found["rows"][0] if found and found["next"] else None
         rivals = [best["effect"], *best["alike"][:1]] if best and best["alike"] else []
@@ -257,7 +257,7 @@ def _named(candidate: Ranked) -> dict[str, Any]:
         "words": kind.words or candidate.effect.replace("_", " "),
         "formula": kind.formula,
         "chance": chance(candidate.p_value),
-        "alike": list(candidate.alike[1:]),
+        "alike": list(candidate.indistinguishable[1:]),
     }
 
 
@@ -266,7 +266,7 @@ def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
     step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
     numbers = candidate.parameters if step is None else fitted_numbers(step.estimate, candidate.effect)
     return _named(candidate) | {
-        "alike": list((candidate if step is None else step).alike[1:]),
+        "alike": list((candidate if step is None else step).indistinguishable[1:]),
         "sizes": _told(numbers),
         "explained": candidate.explained,
         "error": plain(candidate.error_after),

@@ -57,8 +57,8 @@ def ours(records: Sequence[Record], told: Told) -> Answer:
     return Answer(
         verdict=found.verdict,
         ranking=tuple(r.effect for r in ranked),
-        alike=tuple(ranked[0].alike) if ranked else (),
-        named=tuple(tuple(s.alike) for s in found.steps),
+        alike=tuple(ranked[0].indistinguishable) if ranked else (),
+        named=tuple(tuple(s.indistinguishable) for s in found.steps),
         depends_on=tuple(found.remaining.depends_on) if found.remaining is not None else (),
         error_after=found.error.ratio,
         small=found.negligible,

@@ -56,7 +56,7 @@ def solve(own: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, di
     found = diagnose(Model(RodPendulum(g=9.81), dt=made.log.dt), records(own, made))
     row = {
         "verdict": found.verdict,
-        "named": [list(step.alike) for step in found.steps],
+        "named": [list(step.indistinguishable) for step in found.steps],
         "intervals": {k: list(v) for k, v in found.estimate.interval(0.95).items()},
         "truth": dict(made.numbers),
         "random_torque": found.estimate.random_torque,

@@ -97,7 +97,7 @@ def test_the_map_of_a_perfect_model_is_flat(perfect: list[Comparison]) -> None:
 def test_a_delay_is_named_with_its_size(lag: int, driven: Callable[..., list[Record]]) -> None:
     T = lag * ROD.dt
     c = comparison(Delay(T=T, longest=0.1), logs=driven)
-    assert c.causes[0].effect == "delay" or "delay" in c.causes[0].alike
+    assert c.causes[0].effect == "delay" or "delay" in c.causes[0].indistinguishable
     (size,) = c.causes[0].numbers.values()
     assert abs(size["value"]) == pytest.approx(T if c.causes[0].effect == "delay" else lag, rel=0.05)
     assert c.torque is not None and c.torque.depends_on == ("history",)

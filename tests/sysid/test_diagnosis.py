@@ -515,7 +515,7 @@ def test_what_the_motion_cannot_separate_is_always_named(name: str) -> None:
     indistinguishable = {"viscous": {"viscous", "back_emf", "coasting_drive"}, "tilt": {"tilt", "angle_offset"}}
     if name in indistinguishable:
         assert indistinguishable[name] in groups
-        assert set(of(name).steps[0].alike) == indistinguishable[name]
+        assert set(of(name).steps[0].indistinguishable) == indistinguishable[name]
         assert of(name).verdict == "missing", "twins are one thing to every log of this kind"
 
 

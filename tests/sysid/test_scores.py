@@ -32,7 +32,7 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
-from sysid.estimation.scores import Score, alikeness, scores
+from sysid.estimation.scores import Score, collinearity, scores
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.candidates import candidates_for
 from sysid.physics.effects import JointEffect
@@ -208,10 +208,10 @@ def test_what_m_and_l_absorb_shows_on_a_weighed_pendulum(truth: Effect, scored: 
 
 
 def test_an_effect_is_alike_to_itself_and_to_nothing_that_does_not_show(scored: dict[str, Score]) -> None:
-    assert alikeness(scored["viscous"], scored["torque_gain"]) == 0.0
+    assert collinearity(scored["viscous"], scored["torque_gain"]) == 0.0
     for score in scored.values():
         if score.visible:
-            assert alikeness(score, score) == pytest.approx(1.0)
+            assert collinearity(score, score) == pytest.approx(1.0)
 
 
 def test_a_family_explains_what_its_members_do(scored: dict[str, Score]) -> None:

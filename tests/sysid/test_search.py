@@ -95,7 +95,7 @@ def test_what_explains_no_better_than_its_simple_parent_is_not_named() -> None:
     assert found.verdict == "partly"
     assert found.error.ratio == found.steps[0].error_after <= found.base_error.ratio
     assert [s.effect for s in found.steps] == ["coulomb"]
-    assert found.steps[0].alike == ("coulomb",)
+    assert found.steps[0].indistinguishable == ("coulomb",)
     tau_c = found.steps[0].parameters["coulomb.tau_c"]
     assert abs(tau_c["value"] - 0.1) < 4.0 * tau_c["sd"] < 0.04
 

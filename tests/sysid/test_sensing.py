@@ -224,7 +224,7 @@ def test_a_filter_of_the_speed_is_found_and_is_no_delay_of_the_sensor():
     assert_recovered(FILTERED, records)
     found = assert_named(FILTERED, records)
     assert found.sensor.theta_dot == SENSOR.theta_dot, "its speed was left out"
-    assert "sensor_delay" not in found.steps[0].alike
+    assert "sensor_delay" not in found.steps[0].indistinguishable
 
 
 @pytest.mark.long

@@ -95,11 +95,11 @@ def period_of(theta: Array, t: Array) -> float:
     products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[:lags]
     head = np.cumsum(x**2)[::-1][:lags]
     tail = np.cumsum(x[::-1] ** 2)[::-1][:lags]
-    alike = products / np.sqrt(np.maximum(head * tail, 1e-300))
-    below = np.flatnonzero(alike < 0.0)
+    correlation = products / np.sqrt(np.maximum(head * tail, 1e-300))
+    below = np.flatnonzero(correlation < 0.0)
     if not len(below):
         return 0.0
-    later = alike[below[0] :]
+    later = correlation[below[0] :]
     if np.max(later) < PERIODIC:
         return 0.0
     near = int(np.argmax(later > max(PERIODIC, ALMOST * float(np.max(later)))))
