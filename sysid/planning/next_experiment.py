@@ -35,17 +35,17 @@ from sysid.planning.design import (
     separation,
     yardsticks,
 )
-from sysid.planning.excitation import Limits, rest_angle
-from sysid.planning.non_torque_experiments import never, non_torque_experiment
-from sysid.planning.planned_experiment import DECISIVE, LEAST_EVIDENCE, Contest, Experiment
-from sysid.planning.rival_effects import (
+from sysid.planning.discrimination import (
     Hypotheses,
     checked_names,
-    contested,
     hypotheses_of,
     indistinguishable,
     separable,
+    with_evidence,
 )
+from sysid.planning.excitation import Limits, rest_angle
+from sysid.planning.non_torque_experiments import never, non_torque_experiment
+from sysid.planning.planned_experiment import DECISIVE, LEAST_EVIDENCE, Experiment, HypothesisPair
 
 
 def next_experiment(
@@ -189,41 +189,44 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
     hypotheses, conditions = found.hypotheses, found.conditions
     if found.absorbed:
         return non_torque_experiment(hypotheses[-1].model, found.absorbed)
-    apart = separable(hypotheses, found.contests, conditions, rng)
+    apart = separable(hypotheses, found.pairs, conditions, rng)
     if not apart:
         return non_torque_experiment(hypotheses[0].model, names)
-    same = indistinguishable(found.contests, apart)
+    same = indistinguishable(found.pairs, apart)
     asked = tuple(c for c in apart if c.truth not in same and c.rival not in same)
     notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
     pool = _best(hypotheses, asked, conditions, rng)
-    contests = contested(pool, asked)
-    hopeless = {(c.truth, c.rival) for c in contests if c.after < LEAST_EVIDENCE}
+    pairs = with_evidence(pool, asked)
+    hopeless = {(c.truth, c.rival) for c in pairs if c.after < LEAST_EVIDENCE}
     others = tuple(c for c in asked if (c.truth, c.rival) not in hopeless)
     if not others:
-        return non_torque_experiment(hypotheses[0].model, names, min(c.after for c in contests))
+        return non_torque_experiment(hypotheses[0].model, names, min(c.after for c in pairs))
     if hopeless:  # they must not choose the signal for the others
         pool = _best(hypotheses, others, conditions, rng)
-        contests = contested(pool, others)
+        pairs = with_evidence(pool, others)
         for truth in dict.fromkeys(t for t, _ in sorted(hopeless)):
             rivals = " and ".join(r for t, r in sorted(hopeless) if t == truth)
             notes.append(f"{truth} of the size found is not told from {rivals}")
-    return _told(pool, contests, notes)
+    return _told(pool, pairs, notes)
 
 
 def _best(
-    hypotheses: tuple[Hypothesis, ...], contests: tuple[Contest, ...], conditions: Conditions, rng: np.random.Generator
+    hypotheses: tuple[Hypothesis, ...],
+    pairs: tuple[HypothesisPair, ...],
+    conditions: Conditions,
+    rng: np.random.Generator,
 ) -> Pool:
-    """The signals whose least evidence, over the contests, is the largest."""
-    compared = [h for h in hypotheses if any(h.name in (c.truth, c.rival) for c in contests)]
-    pools = search(separation([(c.truth, c.rival) for c in contests]), compared, conditions, rng)
-    return max(pools, key=lambda pool: min(c.after for c in contested(pool, contests, within=1.5)))
+    """The signals whose least evidence, over the pairs, is the largest."""
+    compared = [h for h in hypotheses if any(h.name in (c.truth, c.rival) for c in pairs)]
+    pools = search(separation([(c.truth, c.rival) for c in pairs]), compared, conditions, rng)
+    return max(pools, key=lambda pool: min(c.after for c in with_evidence(pool, pairs, within=1.5)))
 
 
-def _told(pool: Pool, contests: tuple[Contest, ...], notes: Sequence[str]) -> Experiment:
-    after = min(c.after for c in contests)
-    before = min((c.before for c in contests if c.before is not None), default=None)
+def _told(pool: Pool, pairs: tuple[HypothesisPair, ...], notes: Sequence[str]) -> Experiment:
+    after = min(c.after for c in pairs)
+    before = min((c.before for c in pairs if c.before is not None), default=None)
     shown = tuple(pool.hypotheses)
-    whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
+    whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in pairs})
     if before is not None and after <= before:
         advice = "fit both" if before >= DECISIVE else "widen the limits"
         sentence = (
@@ -231,11 +234,11 @@ def _told(pool: Pool, contests: tuple[Contest, ...], notes: Sequence[str]) -> Ex
             f"brings more than {after:.3g}: {advice}"
         )
         description = f"{'; '.join((sentence, *notes))}."
-        return Experiment("none", description, shown, before=before, contests=contests)
+        return Experiment("none", description, shown, before=before, pairs=pairs)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
     told = "; ".join((sentence, *notes))
-    return _played(pool, told, separates=shown, measure="evidence", before=before, after=after, contests=contests)
+    return _played(pool, told, separates=shown, measure="evidence", before=before, after=after, pairs=pairs)
 
 
 def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:

@@ -10,9 +10,9 @@ from sysid.physics.effects.actuation import TorqueGain
 from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.plants import GRAVITY
+from sysid.planning.discrimination import inertial
 from sysid.planning.excitation import rest_angle
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.rival_effects import inertial
 
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.data.files import save_csv
-from sysid.data.json_file import told
+from sysid.data.json_file import plain, told
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
 EXPERIMENT_SCHEMA = "gapfinder/experiment/1"
 SHOWN = (
     *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
-    *("start", "reach", "speed", "contests"),
+    *("start", "reach", "speed"),
 )
 """The attributes of an experiment that its plain data hold as they are."""
 DECISIVE = 16.0
@@ -26,7 +26,7 @@ LEAST_EVIDENCE = 0.5
 """An experiment with less evidence is not worth playing: more than thirty of it would be needed to decide."""
 
 
-class Contest(NamedTuple):
+class HypothesisPair(NamedTuple):
     """Evidence for `truth`, were it true, against `rival`: on the log at hand (None: no log) and of the experiment."""
 
     truth: str
@@ -63,7 +63,7 @@ class Experiment:
         The predicted motion [rad], [rad/s]; a rollout starts at rest at theta[:, 0].
     reach : float
         The farthest that the predicted motion goes from rest [rad].
-    contests : tuple of Contest
+    pairs : tuple of HypothesisPair
         The evidence pair by pair; before and after are the least over all pairs.
     unit : str
         Of theta: "m" for a linear axis.
@@ -83,7 +83,7 @@ class Experiment:
     theta_dot: Array = field(default_factory=lambda: np.zeros((0, 1)))
     reach: float = 0.0
     widest: str | None = None
-    contests: tuple[Contest, ...] = ()
+    pairs: tuple[HypothesisPair, ...] = ()
     unit: str = "rad"
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -125,6 +125,7 @@ class Experiment:
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
         return told(self, *SHOWN) | {
+            "contests": plain(self.pairs),
             "schema": EXPERIMENT_SCHEMA,
             "rollouts": len(self.u),
             "u_peak": float(np.max(np.abs(self.u), initial=0.0)),

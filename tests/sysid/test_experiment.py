@@ -103,7 +103,7 @@ def test_what_a_poor_log_confuses_comes_apart_with_the_evidence_promised(
     e = next_experiment(rod(), (effect.name, rival), LIMITS, SENSOR, poor)
     assert e.before < 16.0, "the log is not poor"
     assert e.after > max(16.0, 3.0 * e.before)
-    promised = next(c.after for c in sized.contests if c.truth == effect.name)
+    promised = next(c.after for c in sized.pairs if c.truth == effect.name)
     for answer, most in ((sized, promised), (e, None)):
         found = []
         for seed in range(4):
@@ -224,7 +224,7 @@ def test_a_log_that_tells_more_is_not_followed_by_a_poorer_one() -> None:
     rich = log(truth, in_phase(), 2.0 * slow_sines()[:200], 1.5 * slow_sines()[:200])
     told = next_experiment(rod(), ("coulomb", "viscous"), poor, SENSOR, rich)
     assert (told.kind, told.after, told.u.size) == ("none", None, 0)
-    assert told.before > max(16.0, min(c.after for c in told.contests))
+    assert told.before > max(16.0, min(c.after for c in told.pairs))
     assert "the log at hand tells coulomb from viscous" in told.description
     known = next_experiment(rod(), (), poor, SENSOR, log(rod(), 2.0 * slow_sines()))
     assert (known.kind, known.measure, known.u.size) == ("none", "interval", 0)
@@ -248,7 +248,7 @@ def test_a_linear_axis_is_told_what_to_do_in_its_own_units() -> None:
 def test_a_special_case_is_not_asked_to_beat_the_general_one() -> None:
     """Coulomb's friction is Stribeck's without excess: only the other way round can be told."""
     e = next_experiment(rod(), (Stribeck(tau_c=0.02, excess=0.03, v_s=0.2), Coulomb(tau_c=0.03)), LIMITS, SENSOR)
-    assert {(c.truth, c.rival) for c in e.contests} == {("stribeck", "coulomb")}
+    assert {(c.truth, c.rival) for c in e.pairs} == {("stribeck", "coulomb")}
     assert e.after > 16.0
 
 
@@ -343,7 +343,7 @@ def test_a_single_rival_is_told_from_its_absence() -> None:
         next_experiment(rod(), own, Limits(1.0, 3.0), SENSOR) for own in (Viscous(b=0.01), [Viscous(b=0.01)])
     )
     assert alone.to_dict() == listed.to_dict()
-    assert {(c.truth, c.rival) for c in alone.contests} == {("viscous", "nothing")}
+    assert {(c.truth, c.rival) for c in alone.pairs} == {("viscous", "nothing")}
 
 
 # what no torque tells -----------------------------------------------------------------------------------------

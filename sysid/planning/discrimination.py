@@ -1,4 +1,4 @@
-"""Rivals: effects that a log confuses, each as a model that is fitted to the log, and what tells them apart."""
+"""Model discrimination: rival effects that a log confuses, each as a model fitted to it, and what tells them apart."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sysid.physics.parameters import Extent
 from sysid.planning.design import ROUGHLY, Conditions, Hypothesis, Pool, within_limits
 from sysid.planning.evidence import Sensitivities
 from sysid.planning.excitation import random_signals
-from sysid.planning.planned_experiment import Contest
+from sysid.planning.planned_experiment import HypothesisPair
 
 NOTHING = "nothing"
 """Name of the hypothesis without any rival."""
@@ -36,14 +36,14 @@ NESTED = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Hypotheses that a log confuses, the last of them without any rival, and the contests between them.
+    """Hypotheses that a log confuses, the last of them without any rival, and the pairs to tell apart.
 
     conditions those of the next log, with what the best hypothesis leaves unexplained in this one
-    absorbed   rivals that the free parameters imitate whatever is played; if there are any, there are no contests
+    absorbed   rivals that the free parameters imitate whatever is played; if there are any, there are none
     """
 
     hypotheses: tuple[Hypothesis, ...]
-    contests: tuple[Contest, ...]
+    pairs: tuple[HypothesisPair, ...]
     conditions: Conditions
     absorbed: tuple[str, ...] = ()
 
@@ -140,18 +140,18 @@ def _fitted(
 
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str]) -> Hypotheses:
-    """The hypotheses and their contests; a single rival is compared with the model without it."""
+    """The hypotheses, and the pairs to tell apart; a single rival is compared with the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
-    contests = []
+    pairs = []
     for truth in (own for own in rivals if own in truths):
         others = [own for own in rivals if own != truth]
         before = [None] * len(others) if fits.deviance is None else _evidence(fits, truth, others)
-        contests += [Contest(truth, *rival) for rival in zip(others, before, strict=True)]
-    return Hypotheses((*hypotheses, fits.base), tuple(contests), fits.conditions)
+        pairs += [HypothesisPair(truth, *rival) for rival in zip(others, before, strict=True)]
+    return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)
 
 
 def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
@@ -168,14 +168,14 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
 # ---- what signals tell -----------------------------------------------------------------------------------------------
 
 
-def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf) -> tuple[Contest, ...]:
-    """The contests with the evidence that a pool's signals bring when each rival is fitted to what the truth shows.
+def with_evidence(pool: Pool, pairs: Sequence[HypothesisPair], within: float = math.inf) -> tuple[HypothesisPair, ...]:
+    """The pairs with the evidence that a pool's signals bring when each rival is fitted to what the truth shows.
 
     If the first-order evidence is over `within` times the least so far, it stands, and no fit is made.
     """
-    first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in contests]
-    least, found = math.inf, list[Contest]()
-    for linear, c in sorted(zip(first_order, contests, strict=True), key=lambda own: own[0]):
+    first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in pairs]
+    least, found = math.inf, list[HypothesisPair]()
+    for linear, c in sorted(zip(first_order, pairs, strict=True), key=lambda own: own[0]):
         after = pool.left(c.truth, c.rival) if linear < within * least else linear
         least = min(least, after)
         found.append(c._replace(after=after))
@@ -183,9 +183,9 @@ def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf)
 
 
 def separable(
-    hypotheses: Sequence[Hypothesis], contests: Sequence[Contest], conditions: Conditions, rng: np.random.Generator
-) -> tuple[Contest, ...]:
-    """The contests that some torque decides, without those in which the truth is a special case of the rival.
+    hypotheses: Sequence[Hypothesis], pairs: Sequence[HypothesisPair], conditions: Conditions, rng: np.random.Generator
+) -> tuple[HypothesisPair, ...]:
+    """The pairs that some torque decides, without those in which the truth is a special case of the rival.
 
     The evidence against a rival is compared with that against the hypothesis of no effect.
     """
@@ -193,7 +193,7 @@ def separable(
     signals = within_limits(hypotheses, signals, conditions)
     some = [s for s in signals if s.kind in ("steps", "bang-bang")][:1]
     pool, played, found = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
-    for c in contests:
+    for c in pairs:
         if len(pool.hypotheses[c.rival].names) > len(pool.hypotheses[c.truth].names):
             # at a kink linearisation does not see that the truth is a special case of the rival: a fit does
             apart = played.left(c.truth, c.rival) > NESTED * played.left(c.truth, NOTHING)
@@ -205,8 +205,8 @@ def separable(
     return tuple(found)
 
 
-def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
+def indistinguishable(pairs: Sequence[HypothesisPair], apart: Sequence[HypothesisPair]) -> dict[str, str]:
     """Each hypothesis that no torque tells from an earlier one, with that one."""
-    order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
-    equal = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
+    order, told = list(dict.fromkeys(c.truth for c in pairs)), {frozenset((c.truth, c.rival)) for c in apart}
+    equal = (c for c in reversed(pairs) if frozenset((c.truth, c.rival)) not in told)
     return {c.truth: c.rival for c in equal if c.rival in order[: order.index(c.truth)]}
