@@ -64,9 +64,9 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
             f"torque=/commands[0], or leave the torque out (torque=) for a free swing; topics of numbers: {topics}"
         )
     written = np.array([row.written for row in own])
-    clock = np.array([row.stamped for row in own])
-    clock = clock if clock.any() else written  # this robot does not stamp its messages
-    found["t"] = (clock - clock[0]) / 1e9
+    stamps = np.array([row.stamped for row in own])
+    stamps = stamps if stamps.any() else written  # this robot does not stamp its messages
+    found["t"] = (stamps - stamps[0]) / 1e9
     return {
         ours: found[name] if name in found else _held(content.numbers[name], written) for ours, name in columns.items()
     }

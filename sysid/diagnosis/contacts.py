@@ -147,10 +147,10 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
     if len(at) < _NEIGHBOURS:
         return ()
     record, t, states, d = samples.number[at], samples.t[at], fit.motion.x[at], torque[at]
-    clock = t + record * (np.max(t) - np.min(t) + 2.0 * _APART)
+    instants = t + record * (np.max(t) - np.min(t) + 2.0 * _APART)
     angle = np.column_stack([np.cos(states[:, 0]), np.sin(states[:, 0])])
     speed = states[:, 1:] / (np.std(states[:, 1]) or 1.0)
-    expected = np.stack([_elsewhere(points, clock, d) for points in (np.hstack([angle, speed]), angle, speed)])
+    expected = np.stack([_elsewhere(points, instants, d) for points in (np.hstack([angle, speed]), angle, speed)])
     size = np.min(np.abs(d - expected), axis=0)
     limit = max(EXTREME * float(np.median(size)), float(np.nanmedian(np.abs(torque))), least)
     rare = np.abs(d) > 2.0 * np.quantile(np.abs(d), 0.9)
@@ -177,14 +177,14 @@ def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
     return smooth
 
 
-def _elsewhere(points: Array, clock: Array, d: Array) -> Array:
+def _elsewhere(points: Array, instants: Array, d: Array) -> Array:
     """For each point (M, n), the median d of the nearest points at other times; 0 if there is none."""
     from scipy.spatial import cKDTree
 
     own = int(2.0 * _APART / (0.25 * SHORTEST_CONTACT)) + 2
     reach = min(len(d), _NEIGHBOURS + own)
     _, near = cKDTree(points).query(points, k=reach)
-    other = np.abs(clock[near] - clock[:, None]) > _APART
+    other = np.abs(instants[near] - instants[:, None]) > _APART
     other &= np.cumsum(other, axis=1) <= _NEIGHBOURS
     values = np.where(other, d[near], np.nan)
     values[~other.any(axis=1), 0] = 0.0

@@ -141,8 +141,8 @@ class Samples:
         lengths = np.diff(self.first)
         for length in np.unique(lengths).tolist():  # a sensor with memory goes step by step, so all records go together
             rows = self.first[:-1][lengths == length][:, None] + np.arange(length)
-            clock = np.broadcast_to(self.time_since_start[rows], x[..., rows, 0].shape)
-            seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], clock), axis=-1)
+            t = np.broadcast_to(self.time_since_start[rows], x[..., rows, 0].shape)
+            seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], t), axis=-1)
         return seen
 
 
@@ -237,8 +237,8 @@ class LinearisedModel:
         values = iter(np.moveaxis(inner, -1, 0))
         states = tuple(tuple(next(values) for _ in e.start_sd) for e in model.dynamic_effects)
         own = tuple(drives[..., j] for j in range(drives.shape[-1]))
-        clock, push = self.samples.time_since_start, model.inertia() * d
-        *ends, after = model.move_with_inner(theta, theta_dot, states, own, clock, push)
+        t, push = self.samples.time_since_start, model.inertia() * d
+        *ends, after = model.move_with_inner(theta, theta_dot, states, own, t, push)
         return np.stack(np.broadcast_arrays(*ends, *(value for values in after for value in values)), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -318,8 +318,8 @@ class LinearisedModel:
         at = self.samples.follows & (np.abs(theta_dot) > slow_speed([theta_dot])) & (self.samples.commands != 0.0)
         if model.at_angle:
             at[:] = False
-        clock = self.samples.time_since_start[at, None]
-        return model.joint(theta[at, None], theta_dot[at, None], clock, self.drives[at])
+        t = self.samples.time_since_start[at, None]
+        return model.joint(theta[at, None], theta_dot[at, None], t, self.drives[at])
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:

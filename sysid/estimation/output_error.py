@@ -158,8 +158,8 @@ class Response:
         """Readings (..., K, 2, L+1) of perfect sensors along states (..., K, L+1, 2) of windows."""
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
-        clock = np.broadcast_to(self.time_since_start[among], states.shape[:-1])
-        return np.stack(self.model.read_record(states[..., 0], states[..., 1], clock), axis=-2)
+        t = np.broadcast_to(self.time_since_start[among], states.shape[:-1])
+        return np.stack(self.model.read_record(states[..., 0], states[..., 1], t), axis=-2)
 
     def _reading_slopes(self, states: Array, Z: Array, among: Among) -> Array:
         """Derivatives (K, 2, L+1, Q) of the readings along Q directions Z (K, L+1, 2, Q) of the states.
