@@ -21,13 +21,13 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
     """
     from sysid import InvalidInput
 
-    for option, given, kinds, words in (
+    for option, given, kinds, expected in (
         ("--import", options.imported, ("", "strategies"), "the paper's kind or of strategies"),
         ("--published", options.published, ("",), "the paper's kind"),
         ("--strategies", ",".join(options.strategies), ("strategies",), "strategies"),
     ):
         if given and settings.kind not in kinds:
-            raise InvalidInput(f"{option} {given}: expected a preset of {words}, not {settings.name}")
+            raise InvalidInput(f"{option} {given}: expected a preset of {expected}, not {settings.name}")
     experiment = importlib.import_module(settings.experiment)
     opened: AbstractContextManager[Any] = experiment.open_experiment(settings, options)
     return opened

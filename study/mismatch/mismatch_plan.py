@@ -18,38 +18,38 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class StrategyWords:
+class StrategyLabels:
     """How a strategy is told.
 
-    short, words   it in up to five words, and in full
-    group          what strategies that belong together share: "nothing" measured, "plain" or "mended" model, "oracle"
-    center         the strategy whose model is the centre of what it trains on; "" where no table can be made for that
+    group        what strategies that belong together share: "nothing" measured, "plain" or "mended" model, "oracle"
+    short        it in up to five words; description: in full
+    center       the strategy whose model is the centre of what it trains on; "" where no table can be made for that
     """
 
     group: str
     short: str
-    words: str
+    description: str
     center: str = ""
 
 
 STRATEGIES = {
-    "prior": StrategyWords("nothing", "prior", "no rollouts: trained at the prior", "prior"),
-    "breadth": StrategyWords("nothing", "breadth over m, l and effects",
+    "prior": StrategyLabels("nothing", "prior", "no rollouts: trained at the prior", "prior"),
+    "breadth": StrategyLabels("nothing", "breadth over m, l and effects",
         "no rollouts: breadth over m, l and one effect of any kind within its plausible range"),
-    "grid": StrategyWords("plain", "grid, m and l", "the paper's grid search for m and l", "grid"),
-    "fitted": StrategyWords("plain", "least squares, m and l", "least squares for m and l", "fitted"),
-    "band": StrategyWords("plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3", "fitted"),
-    "random_force": StrategyWords("plain", "least squares, random torques",
+    "grid": StrategyLabels("plain", "grid, m and l", "the paper's grid search for m and l", "grid"),
+    "fitted": StrategyLabels("plain", "least squares, m and l", "least squares for m and l", "fitted"),
+    "band": StrategyLabels("plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3", "fitted"),
+    "random_force": StrategyLabels("plain", "least squares, random torques",
         "least squares for m and l, random torques in training", "fitted"),
-    "network": StrategyWords("plain", "least squares, learned torque",
+    "network": StrategyLabels("plain", "least squares, learned torque",
         "least squares for m and l, a learned command filter and residual torque"),
-    "all_effects": StrategyWords("mended", "all effects at once",
+    "all_effects": StrategyLabels("mended", "all effects at once",
         "least squares for m, l and all effects at once"),
-    "mended": StrategyWords("mended", "diagnosed and mended",
+    "mended": StrategyLabels("mended", "diagnosed and mended",
         "diagnosed: the missing effect named, added, refitted; where it is unknown, random torques", "mended"),
-    "posterior": StrategyWords("mended", "diagnosed, posterior",
+    "posterior": StrategyLabels("mended", "diagnosed, posterior",
         "diagnosed, parameters drawn from the fit's covariance", "mended"),
-    "oracle": StrategyWords("oracle", "the plant itself", "the hidden plant itself: an oracle"),
+    "oracle": StrategyLabels("oracle", "the plant itself", "the hidden plant itself: an oracle"),
 }  # fmt: skip
 """Every strategy, in the order in which they are shown; those that spend rollouts are names of `Budget.setup`."""
 

@@ -244,7 +244,7 @@ class _Worker:
         self.process.kill()
         self.connection.close()
 
-    def last_words(self) -> None:
+    def receive_remaining(self) -> None:
         """Hear what the process, which was asked to end, still has to say."""
         with contextlib.suppress(OSError):
             while self.supervised.task.saves and self.connection.poll(PATIENCE):
@@ -261,7 +261,7 @@ def _stop(workers: list[_Worker]) -> None:
             with contextlib.suppress(OSError):
                 worker.connection.send(STOP)
         for worker in workers:
-            worker.last_words()
+            worker.receive_remaining()
     finally:
         for worker in workers:
             worker.process.kill()

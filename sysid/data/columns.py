@@ -26,7 +26,7 @@ LOOKS_LIKE = {
 }
 TimeUnit = Literal["s", "ms", "us"]
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
-WORDS: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
+UNIT_NAMES: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
 NAMED: dict[TimeUnit, str] = {
     "ms": r"ms|msecs?|millis|milliseconds?",
     "us": r"us|µs|μs|usecs?|micros|microseconds?",
@@ -170,7 +170,7 @@ def in_seconds(name: str, title: str, table: Table, unit: TimeUnit | None, notes
     """
     if unit is None:
         unit, reason = _found_unit(name, title, table)
-        note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
+        note = f"t is in {UNIT_NAMES[unit]}, {reason}: converted to seconds"
         if unit != "s" and note not in notes:
             notes.append(note)
     return table | {"t": table["t"] / PER_SECOND[unit]}

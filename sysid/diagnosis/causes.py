@@ -41,19 +41,19 @@ class Cause:
     indistinguishable  other effects that this log cannot tell from it
     numbers            its fitted numbers, {name: {value, sd, unit}}
     share              of the squared error over 1 s, beyond the noise, that it explains
-    words              what it is and its size
+    description        what it is and its size
     """
 
     effect: str
     indistinguishable: tuple[str, ...]
     numbers: dict[str, dict[str, Any]]
     share: float
-    words: str
+    description: str
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        rest = told(self, "numbers", "share", "words")
-        return {"effect": self.effect, "alike": list(self.indistinguishable)} | rest
+        begin = {"effect": self.effect, "alike": list(self.indistinguishable)}
+        return begin | told(self, "numbers", "share") | {"words": self.description}
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,8 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
 def _other_numbers(found: Fit, share: float) -> Cause:
     """The cause "plant": the model's own numbers are others in these records."""
     own = fitted_numbers(found.estimate())
-    words = f"the model's own numbers are others here ({numbers_in_words(own)})"
-    return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)
+    description = f"the model's own numbers are others here ({numbers_in_words(own)})"
+    return Cause(PlantNumbers.name, (), own, min(share, 1.0), description)
 
 
 def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
@@ -148,21 +148,21 @@ def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
     for own in chosen:
         numbers = fitted_numbers(estimate, own.effect)
         is_plant = own.effect == PlantNumbers.name
-        words = _plant(numbers, estimate.model.plant) if is_plant else _words(own, numbers)
-        yield replace(own, numbers=numbers, words=words)
+        description = _plant(numbers, estimate.model.plant) if is_plant else _description(own, numbers)
+        yield replace(own, numbers=numbers, description=description)
 
 
 # words -----------------------------------------------------------------------------------------------------------
 
 
-def _words(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    what = CATALOGUE[chosen.effect].words or chosen.effect.replace("_", " ")
+def _description(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    what = CATALOGUE[chosen.effect].label or chosen.effect.replace("_", " ")
     sizes = {name.rpartition(".")[2]: _size(own["value"], own["unit"]) for name, own in numbers.items()}
     if len(sizes) == 1:
         said = f"{what} of about {sizes.popitem()[1]}"
     else:
         said = f"{what} (about {', '.join(f'{name} = {size}' for name, size in sizes.items())})"
-    others = [CATALOGUE[n].words or n.replace("_", " ") for n in chosen.indistinguishable]
+    others = [CATALOGUE[n].label or n.replace("_", " ") for n in chosen.indistinguishable]
     return said + (f", or {' or '.join(others)}, which moves these readings alike" if others else "")
 
 

@@ -121,7 +121,7 @@ class Comparison:
         size = f"The model's error is {multiple(self.ratio)} times the sensor noise over 1 s"
         if self.adequate:
             return f"{size}: nothing is missing that these records show."
-        found = [c.words for c in self.causes]
+        found = [c.description for c in self.causes]
         left = 1.0 - sum(c.share for c in self.causes)
         if found and self.off and left > LARGE_SHARE:
             found.append(f"{left:.0%} of the squared error is something else")

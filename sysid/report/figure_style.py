@@ -46,8 +46,8 @@ def styled(width: float, height: float) -> Iterator[Figure]:
 
 def label(name: str, units: Mapping[str, str]) -> str:
     """What an axis of "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
-    words = (quantity(name, units), SYMBOL[units["theta"]].get(name), f"[{units[name]}]")
-    return " ".join(filter(None, words))
+    parts = (quantity(name, units), SYMBOL[units["theta"]].get(name), f"[{units[name]}]")
+    return " ".join(filter(None, parts))
 
 
 def state_label(name: str, units: Mapping[str, str]) -> str:

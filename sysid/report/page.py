@@ -40,13 +40,13 @@ class Section:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under heads; the columns of `words` hold words, the others numbers. `note` stands below."""
+    """Rows under heads; the columns in `text_columns` hold words, the others numbers. `note` stands below."""
 
     title: str
     heads: tuple[str, ...]
     rows: Sequence[Sequence[str]]
     note: str = ""
-    words: tuple[int, ...] = (0,)
+    text_columns: tuple[int, ...] = (0,)
 
 
 @dataclass(frozen=True)

@@ -227,14 +227,14 @@ def _parameters(answer: Diagnosis) -> Table:
         )
     came_heads = ("as it came, refitted",) if answer.mended else ()
     heads = ("parameter", f"value {typesetting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
-    return Table("The mended model" if answer.mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
+    return Table("The mended model" if answer.mended else "The model", heads, rows, text_columns=(0, 3, len(heads) - 1))
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:
     if steps := figures.in_order(answer):
         heads = ("effect", "error before", "after", "by chance", "not told from", "formula")
         rows = [_step(s, s in answer.conventions) for s in steps]
-        yield Table("What was added", heads, rows, words=(0, 4, 5))
+        yield Table("What was added", heads, rows, text_columns=(0, 4, 5))
 
 
 def _step(step: Step, of_log: bool) -> list[str]:
@@ -257,7 +257,7 @@ def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
     ]
     if rows:
         note = "Each of these, alone and of that size, would have been found in 80 of 100 such logs."
-        yield Table("Ruled out above", ("effect", "size", "unit", "of"), rows, note, words=(0, 2, 3))
+        yield Table("Ruled out above", ("effect", "size", "unit", "of"), rows, note, text_columns=(0, 2, 3))
 
 
 # ---- a comparison ----------------------------------------------------------------------------------------------------
@@ -274,7 +274,7 @@ def _(answer: Comparison) -> Page:
         sections=tuple(_compared(answer)),
         tables=[horizon_table((answer.errors,))],
         lists={
-            "What explains it, the strongest first": [c.words for c in answer.causes],
+            "What explains it, the strongest first": [c.description for c in answer.causes],
             "What a perfect model would not show": answer.surprises,
         },
         settings=report_settings(answer.sensor, answer.records, answer.units, answer.notes),
@@ -283,8 +283,8 @@ def _(answer: Comparison) -> Page:
 
 
 def _compared(answer: Comparison) -> Iterator[Section]:
-    words = "Error over windows of every length, the state refitted in each."
-    yield Section("How far off", (), (_panel(partial(figures.errors, answer), words, wide=True),))
+    caption = "Error over windows of every length, the state refitted in each."
+    yield Section("How far off", (), (_panel(partial(figures.errors, answer), caption, wide=True),))
     worst = zip(answer.worst, map(place_of_window, answer.one_second.worst), strict=True)
     pictures = tuple(picture(figures.window_figure(found), where, wide=False) for found, where in worst)
     yield Section("The worst windows", (), pictures, small=True)

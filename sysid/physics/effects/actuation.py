@@ -27,7 +27,7 @@ NEXT_TO_NOTHING = 0.1
 class Delay(DeadTime, InputEffect):
     """A dead time of the torque, at most `longest` [s], which fixes the length of the memory."""
 
-    words = "a delay of the torque"
+    label = "a delay of the torque"
     precedence = 1
     rarity = 0.5
     formula = "drive(t) = u(t - T)"
@@ -54,7 +54,7 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
-    words = "a lag of the torque"
+    label = "a lag of the torque"
     rarity = 1.5
     formula = "T z_dot = u - z, drive = z"
     confused = ("delay", "stamp", "sensor_delay", "filtered_speed")
@@ -87,7 +87,7 @@ class TorqueGain(InputEffect):
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
-    words = "a factor on the torque"
+    label = "a factor on the torque"
     inertial = True
     formula = "drive = c u"
     confused = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
@@ -101,7 +101,7 @@ class TorqueGain(InputEffect):
 class DeadZone(InputEffect):
     """A dead zone of the drive: commands below d do nothing, those above lose d."""
 
-    words = "a dead zone of the torque"
+    label = "a dead zone of the torque"
     rarity = 3.0
     refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
     formula = "drive = sign(u) max(|u| - d, 0)"
@@ -120,7 +120,7 @@ class DeadZone(InputEffect):
 class Saturation(InputEffect):
     """A driver that gives no more than `limit`; 10^6 stands for never."""
 
-    words = "a limit of the torque"
+    label = "a limit of the torque"
     rarity = 1.5
     formula = "drive = clip(u, -limit, limit)"
     confused = ("torque_gain", "torque_speed_limit")
@@ -141,7 +141,7 @@ class TorqueSpeedLimit(JointEffect):
     limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
     """
 
-    words = "a limit of the torque that falls with speed"
+    label = "a limit of the torque that falls with speed"
     rarity = 2.5
     refines = (("saturation",),)
     contains = ("saturation",)
@@ -170,7 +170,7 @@ class BackEmf(JointEffect):
     It is exactly viscous friction while the driver is on; only a log with the driver off tells them apart.
     """
 
-    words = "back-EMF"
+    label = "back-EMF"
     formula = "tau = -k theta_dot, while the driver is on"
     confused = ("viscous", "drag", "load_friction", "torque_speed_limit", "coasting_drive")
     friction = True
@@ -189,7 +189,7 @@ class CoastingDrive(JointEffect):
     small motors can be set to either.
     """
 
-    words = "a drive that lets the joint coast at command 0"
+    label = "a drive that lets the joint coast at command 0"
     formula = "tau = -k theta_dot where the command is not 0"
     rarity = 2.0
     refines = (("viscous",),)
@@ -210,7 +210,7 @@ class Stamp(InputEffect):
     it by (1 + s) dt.
     """
 
-    words = "a stamp of the torques"
+    label = "a stamp of the torques"
     precedence = 4
     rarity = 1.0
     formula = "drive(t) = u(t - s dt), of the log and not of the machine"

@@ -14,7 +14,7 @@ from sysid.physics.parameters import parameter
 class TorqueConstant(Actuator):
     """A motor that is driven by a current u [A]; k_t is its torque constant behind the gear."""
 
-    words = "a motor driven by a current"
+    label = "a motor driven by a current"
     formula = "tau = k_t u"
     command = "current"
     unit = "A"
@@ -35,7 +35,7 @@ class DCMotor(Actuator):
     """
 
     name = "dc_motor"
-    words = "a DC motor driven by a voltage"
+    label = "a DC motor driven by a voltage"
     formula = "tau = k (u - k_e theta_dot)"
     excludes = ("back_emf",)
     command = "voltage"
@@ -57,7 +57,7 @@ class PositionServo(Actuator):
     sample. A limit of 10^6 stands for none. Gains are those at the joint.
     """
 
-    words = "a servo driven by a position command"
+    label = "a servo driven by a position command"
     formula = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
     excludes = ("torque_gain", "dead_zone", "saturation", "coasting_drive")
     command = "position"

@@ -25,7 +25,7 @@ ALMOST = 0.97
 class TorqueBias(JointEffect):
     """A constant torque: the offset of a torque sensor or an amplifier, a preloaded cable."""
 
-    words = "a constant torque"
+    label = "a constant torque"
     begins: ClassVar[Mapping[str, float]] = {"tau_0": 0.0}
     rarity = 1.0
     imitates = "theta"
@@ -51,7 +51,7 @@ class Periodic(JointEffect):
     t is the time from the start of each record.
     """
 
-    words = "a periodic torque"
+    label = "a periodic torque"
     rarity = 4.0
     formula = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
     confused = ("ripple", "drift")
@@ -74,7 +74,7 @@ class Periodic(JointEffect):
 class Drift(JointEffect):
     """A torque that grows while the record runs (warming, a leak); t is the time from its start."""
 
-    words = "a torque that drifts"
+    label = "a torque that drifts"
     rarity = 3.0
     formula = "tau = r t"
     confused = ("torque_bias", "periodic", "warming_friction")

@@ -100,7 +100,7 @@ class Effect(Parametric):
     ----------
     name : str
         The name by which a model knows it; by default that of its class in small letters: "dead_zone" of DeadZone.
-    words : str
+    label : str
         What it is, for a sentence.
     formula : str
         Its equation in the fields' letters, one line.
@@ -136,7 +136,7 @@ class Effect(Parametric):
         For numbers that are not finite or are out of bounds, and for bounds of an unknown name or not low < high.
     """
 
-    words: ClassVar[str] = ""
+    label: ClassVar[str] = ""
     formula: ClassVar[str] = ""
     confused: ClassVar[tuple[str, ...]] = ()
     excludes: ClassVar[tuple[str, ...]] = ()

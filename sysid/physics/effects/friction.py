@@ -22,7 +22,7 @@ LARGEST_GIVE = 0.3
 class Viscous(JointEffect):
     """Viscous friction: oil, grease, slow air."""
 
-    words = "viscous friction"
+    label = "viscous friction"
     precedence = 2
     begins: ClassVar[Mapping[str, float]] = {"b": 0.02}
     rarity = 0.0
@@ -40,7 +40,7 @@ class Viscous(JointEffect):
 class Coulomb(DryFriction):
     """Dry friction, which at rest holds up to tau_c: seals, brushes, preloaded bearings."""
 
-    words = "dry friction"
+    label = "dry friction"
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     rarity = 0.0
     formula = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
@@ -70,7 +70,7 @@ class Stribeck(DryFriction):
     de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
-    words = "dry friction that is larger at slow speed"
+    label = "dry friction that is larger at slow speed"
     refines = (("coulomb",), ("coulomb", "drag"))
     contains = ("coulomb",)
     formula = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
@@ -89,7 +89,7 @@ class Stribeck(DryFriction):
 class Drag(JointEffect):
     """Air drag at high Reynolds number."""
 
-    words = "air drag"
+    label = "air drag"
     begins: ClassVar[Mapping[str, float]] = {"c": 0.005}
     rarity = 1.5
     formula = "tau = -c |theta_dot| theta_dot"
@@ -105,7 +105,7 @@ class Drag(JointEffect):
 class AsymmetricViscous(JointEffect):
     """Viscous friction that depends on the direction: a worm, a check valve."""
 
-    words = "viscous friction that depends on the direction"
+    label = "viscous friction that depends on the direction"
     rarity = 3.0
     refines = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
     contains = ("viscous",)
@@ -130,7 +130,7 @@ class AsymmetricCoulomb(DryFriction):
     If the joint never stands, Coulomb friction of the mean and a torque bias of half the difference act alike.
     """
 
-    words = "dry friction that depends on the direction"
+    label = "dry friction that depends on the direction"
     rarity = 3.0
     refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
     contains = ("coulomb",)
@@ -155,7 +155,7 @@ class WarmingFriction(DryFriction):
     time from the start of each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
     """
 
-    words = "dry friction that falls as the machine warms up"
+    label = "dry friction that falls as the machine warms up"
     rarity = 3.5
     refines = (("coulomb",), ("coulomb", "drift"), ("viscous", "coulomb"), ("viscous", "coulomb", "drag"))
     contains = ("coulomb",)
@@ -179,7 +179,7 @@ class Dahl(DynamicEffect):
     TOR-0158(3107-18)-1, 1968.)
     """
 
-    words = "dry friction that gives like a spring before it slides"
+    label = "dry friction that gives like a spring before it slides"
     rarity = 2.5
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
@@ -222,7 +222,7 @@ class LuGre(Dahl):
     """
 
     name = "lugre"
-    words = "dry friction that gives like a spring and is larger at slow speed"
+    label = "dry friction that gives like a spring and is larger at slow speed"
     rarity = 3.5
     refines = (("coulomb",), ("dahl",), ("stribeck",))
     contains = ("coulomb", "dahl", "stribeck")

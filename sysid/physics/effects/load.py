@@ -26,7 +26,7 @@ class LoadFriction(DryFriction):
     load is the torque of gravity, drive and every effect that is not friction; friction takes the share mu of it.
     """
 
-    words = "dry friction that grows with the load"
+    label = "dry friction that grows with the load"
     refines = (("coulomb",),)
     formula = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
     confused = ("viscous", "coulomb", "back_emf", "directional_load_friction")
@@ -52,7 +52,7 @@ class DirectionalLoadFriction(DryFriction):
     each direction; their M5 weighs motor and external torque instead.)
     """
 
-    words = "dry friction that grows with the load, and otherwise when the load drives"
+    label = "dry friction that grows with the load, and otherwise when the load drives"
     rarity = 3.5
     refines = (("load_friction",), ("coulomb",))
     contains = ("load_friction",)
@@ -81,7 +81,7 @@ class Tilt(JointEffect):
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
 
-    words = "a base that leans"
+    label = "a base that leans"
     precedence = 3
     rarity = 1.0
     imitates = "theta"
@@ -100,7 +100,7 @@ class Spring(JointEffect):
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
 
-    words = "a spring"
+    label = "a spring"
     imitates = "theta"
     formula = "tau = -k (theta - rest)"
     confused = ("torque_bias", "ripple", "cubic_spring")
@@ -118,7 +118,7 @@ class CubicSpring(JointEffect):
     softens is left out: bent far enough it pushes outwards, and what it holds runs away.
     """
 
-    words = "a spring that grows stiffer"
+    label = "a spring that grows stiffer"
     rarity = 2.5
     imitates = "theta"
     refines = (("spring",), ("spring", "torque_bias"))
@@ -140,7 +140,7 @@ class Ripple(JointEffect):
     `order` counts the waves in a turn. Order 1 is left out: that is gravity.
     """
 
-    words = "a ripple over the angle"
+    label = "a ripple over the angle"
     rarity = 3.0
     imitates = "theta"
     formula = "tau = a sin(order theta) + b cos(order theta)"
@@ -165,7 +165,7 @@ class RotorInertia(JointEffect):
     With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
-    words = "a rotor's inertia"
+    label = "a rotor's inertia"
     inertial = True
     formula = "(J + J_r) theta_ddot = ..."
     confused = ("torque_gain",)
@@ -194,7 +194,7 @@ class FlexibleTransmission(DynamicEffect):
     (Spong: ASME Journal of Dynamic Systems, Measurement, and Control 109 (1987) 310, seen from the motor.)
     """
 
-    words = "a part of the load behind a spring: a flexible transmission"
+    label = "a part of the load behind a spring: a flexible transmission"
     rarity = 2.5
     # its limits: a stiff spring, and a load so heavy that it stays where it is
     refines = (("rotor_inertia",), ("spring",), ("spring", "torque_bias"))

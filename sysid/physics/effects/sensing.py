@@ -18,7 +18,7 @@ from sysid.physics.parameters import doubling, parameter
 class AngleOffset(OutputEffect):
     """An encoder whose zero is off."""
 
-    words = "an offset of the angle readings"
+    label = "an offset of the angle readings"
     rarity = 1.0
     imitates = "theta"
     formula = "reading = theta + offset"
@@ -33,7 +33,7 @@ class AngleOffset(OutputEffect):
 class VelocityBias(OutputEffect):
     """The offset of a gyroscope or a tachometer."""
 
-    words = "an offset of the speed readings"
+    label = "an offset of the speed readings"
     formula = "reading = theta_dot + bias"
     bias: Value = parameter(0.0, unit="rad/s", bounds=(-10.0, 10.0), neutral=0.0)
 
@@ -45,7 +45,7 @@ class VelocityBias(OutputEffect):
 class VelocityGain(OutputEffect):
     """The scale of a gyroscope or a tachometer, off by the factor c."""
 
-    words = "a factor on the speed readings"
+    label = "a factor on the speed readings"
     formula = "reading = c theta_dot"
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
 
@@ -65,7 +65,7 @@ class SensorDelay(DeadTime, OutputEffect):
     Before its log began the joint is taken to have moved at its first speed.
     """
 
-    words = "a delay of the readings"
+    label = "a delay of the readings"
     formula = "reading(t) = state(t - T)"
     confused = ("delay", "lag", "stamp", "backlash", "filtered_speed")
     stage = 1
@@ -121,7 +121,7 @@ class FilteredSpeed(OutputEffect):
     A log begins at w = theta_dot. A sensor delay would make the angle late, too.
     """
 
-    words = "a filter of the speed readings"
+    label = "a filter of the speed readings"
     rarity = 2.5
     formula = "T w_dot = theta_dot - w, reading = w"
     confused = ("sensor_delay", "delay", "lag")
@@ -154,7 +154,7 @@ class Backlash(OutputEffect):
     in the gap. A log begins in the middle of the gap, y = theta.
     """
 
-    words = "backlash at the encoder"
+    label = "backlash at the encoder"
     formula = "y = min(max(y, theta - width/2), theta + width/2)"
     confused = ("sensor_delay",)
     stage = 0
@@ -196,7 +196,7 @@ class Eccentricity(OutputEffect):
     like an offset and a scale; it is believed only if it repeats over turns.
     """
 
-    words = "an encoder's disc beside its centre"
+    label = "an encoder's disc beside its centre"
     rarity = 3.0
     imitates = "theta"
     formula = "reading = theta + a sin(theta) + b cos(theta)"
