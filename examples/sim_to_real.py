@@ -100,8 +100,9 @@ def trained(model: sysid.Model, seed: int, steps: int) -> Policy:
     from policies.storage.onnx_file import onnx_model
     from policies.training.program import settings_for, train
 
-    def policy(state: sysid.State, t: float, past: np.ndarray | None = None) -> np.ndarray:
-        observation = np.stack(task.observation(state, () if past is None else past.T / U_MAX), -1).astype(np.float32)
+    def policy(state: sysid.State, t: float, past_commands: np.ndarray | None = None) -> np.ndarray:
+        fractions = () if past_commands is None else past_commands.T / U_MAX
+        observation = np.stack(task.observation(state, fractions), -1).astype(np.float32)
         return network.run(None, {"observation": observation})[0][:, 0]
 
     policy.history = past_commands_needed(model)
@@ -115,12 +116,12 @@ def measure(policy: Policy, dt: float, starts: tuple[np.ndarray, np.ndarray], rn
     theta, theta_dot = starts
     returns = np.zeros(len(theta))
     for i, start in enumerate(zip(theta, theta_dot, strict=True)):
-        arm, past = Arm(*start, rng), np.zeros((1, policy.history))
+        arm, past_commands = Arm(*start, rng), np.zeros((1, policy.history))
         for k in range(task.horizon(dt)):
-            u = np.clip(policy(arm.read(), k * dt, past), -U_MAX, U_MAX)
+            u = np.clip(policy(arm.read(), k * dt, past_commands), -U_MAX, U_MAX)
             returns[i] += task.reward(arm.state(), u, dt)[0]
             arm.hold(u[0], dt)
-            past = np.column_stack((u, past))[:, : policy.history]
+            past_commands = np.column_stack((u, past_commands))[:, : policy.history]
     return Evaluation(returns)
 
 

@@ -7,7 +7,8 @@ A policy is any callable `u = policy(state, t)`: it receives the state of all ep
 [rad], theta_dot (E,) [rad/s], float64; as the model's sensors show it) and the time t [s] since the start, and answers
 with the command u (E,) [N m] or one number for all. A network makes its float32 observation of that state, a
 time-dependent policy reads its table at round(t / dt), LQR wraps theta. A policy with an attribute `history` = k > 0
-is called with the last k commands too, `policy(state, t, past)`: past (E, k) [N m], the latest first, 0 at the start.
+is called with the last k commands too, `policy(state, t, past_commands)`: (E, k) [N m], the latest first, 0 at the
+start.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ EVALUATION_SEED = 50_000
 class Policy(Protocol):
     """A policy: any callable `u = policy(state, t)` that answers states with commands.
 
-        u = policy(state, t)        with an attribute history = k > 0:  u = policy(state, t, past)
+        u = policy(state, t)        with an attribute history = k > 0:  u = policy(state, t, past_commands)
 
     Parameters
     ----------
@@ -48,8 +49,8 @@ class Policy(Protocol):
 
     Notes
     -----
-    A policy with an attribute `history` = k > 0 is called with the last k commands too: past (E, k) [N m], the latest
-    first, 0 at the start.
+    A policy with an attribute `history` = k > 0 is called with the last k commands too: past_commands (E, k) [N m],
+    the latest first, 0 at the start.
     """
 
     def __call__(self, state: State, t: float) -> Array | float: ...
@@ -222,16 +223,16 @@ def _steps(
     """The state before every step and the command (E,) that follows it."""
     state, sensing = model.initial_state(theta, theta_dot), model.sensing(theta, theta_dot)
     history = getattr(policy, "history", 0)
-    past = np.zeros((len(theta), history))
+    past_commands = np.zeros((len(theta), history))
     for k in range(task.horizon(model.dt) if horizon is None else horizon):
         t = k * model.dt
         reading, sensing = model.read(state.theta, state.theta_dot, sensing, t)
         seen = State(*reading, state.memory)
-        answer = policy(seen, t, past) if history else policy(seen, t)
+        answer = policy(seen, t, past_commands) if history else policy(seen, t)
         u = _command(answer, theta.shape, model.u_max, t)
         yield state, u
         state = model.advance(state, u, t)
-        past = np.column_stack((u, past))[:, :history]
+        past_commands = np.column_stack((u, past_commands))[:, :history]
 
 
 def _command(answer: Array | float, shape: tuple[int, ...], u_max: float, t: float) -> Array:
@@ -255,12 +256,13 @@ class PolicyBatch:
         """As many past commands as any of them asks for."""
         return max(getattr(policy, "history", 0) for policy in self.policies)
 
-    def __call__(self, state: State, t: float, past: Array | None = None) -> Array:
+    def __call__(self, state: State, t: float, past_commands: Array | None = None) -> Array:
         shares = np.split(np.arange(len(state.theta)), len(self.policies))
         commands = []
         for policy, own in zip(self.policies, shares, strict=True):
             seen, known = State(state.theta[own], state.theta_dot[own]), getattr(policy, "history", 0)
-            commands.append(policy(seen, t, past[own, :known]) if known and past is not None else policy(seen, t))
+            history = (past_commands[own, :known],) if known and past_commands is not None else ()
+            commands.append(policy(seen, t, *history))
         return np.concatenate(commands)
 
 

@@ -31,7 +31,7 @@ class NetworkPolicy:
     u_max: float
     history: int = 0
 
-    def __call__(self, state: State, t: float, past: NDArray[np.float64] | None = None) -> NDArray[np.float32]:
+    def __call__(self, state: State, t: float, past_commands: NDArray[np.float64] | None = None) -> NDArray[np.float32]:
         """The commands of E episodes.
 
         Parameters
@@ -40,7 +40,7 @@ class NetworkPolicy:
             What is seen of the episodes: theta (E,) [rad], theta_dot (E,) [rad/s].
         t : float
             The time since the start [s], which makes no difference.
-        past : array (E, history), optional
+        past_commands : array (E, history), optional
             The last commands [N m], the latest first.
 
         Returns
@@ -53,10 +53,10 @@ class NetworkPolicy:
         InvalidInput
             Where as many past commands as the policy observes are not given.
         """
-        known = 0 if past is None else past.shape[-1]
+        known = 0 if past_commands is None else past_commands.shape[-1]
         if known != self.history:
             raise InvalidInput(f"{known} past commands were given: this policy observes the last {self.history}")
-        fractions = () if past is None else tuple(past[..., i] / self.u_max for i in range(known))
+        fractions = () if past_commands is None else tuple(past_commands[..., i] / self.u_max for i in range(known))
         return self.command(np.stack(task.observation(state, fractions), -1).astype(np.float32))
 
     def command(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:

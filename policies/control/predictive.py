@@ -41,9 +41,10 @@ class Predictive:
     ahead: int
     history: int
 
-    def __call__(self, state: State, t: float, past: Array | None = None) -> Array:
-        """u (E,) [N m] for theta (E,), theta_dot (E,) and the last commands past (E, history), the latest first."""
-        model, commands = self.optimal.model, np.zeros((*np.shape(state.theta), 0)) if past is None else past
+    def __call__(self, state: State, t: float, past_commands: Array | None = None) -> Array:
+        """u (E,) [N m] for theta (E,), theta_dot (E,) and past_commands (E, history), the latest first."""
+        model, none = self.optimal.model, np.zeros((*np.shape(state.theta), 0))
+        commands = none if past_commands is None else past_commands
         memory = model.rest(np.asarray(state.theta))
         for i in reversed(range(self.ahead, self.history)):
             _, memory = model.drive(commands[..., i], memory)

@@ -45,7 +45,7 @@ FLAGS = ("done", "truncated", "terminated")
 class BatchedPendulums(EnvBase):
     """A pendulum for each of A agents, all moved at once, as a TorchRL environment of batch size (A,).
 
-        observation = [cos theta, sin theta, theta_dot, past]   (A, 3 + history)        action = u / u_max   (A, 1)
+        observation = [cos theta, sin theta, theta_dot, past_actions]   (A, 3 + history)    action = u / u_max   (A, 1)
 
     Observations are float32 and actions lie in [-1, 1]. Observed is what the model's sensors show, and the last
     `history` actions. The reward is of the state.
@@ -157,7 +157,7 @@ class BatchedPendulums(EnvBase):
         if self.model.output_effects:
             self.seen = Reading(next(rest), next(rest))
         self.sensing = _split(rest, of_sensors)
-        self.past = tuple(rest)
+        self.past_actions = tuple(rest)
 
     def _keep(self, numbers: Sequence[Any]) -> None:
         """Go on from these."""
@@ -207,7 +207,7 @@ class BatchedPendulums(EnvBase):
             self._torques.copy_(torch.where(mask.unsqueeze(-1), self._laid_out(torques), self._torques))
         fresh = self.model.initial_state(there["theta"], there["theta_dot"])
         shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
-        begun = (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past))
+        begun = (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past_actions))
         self._keep([torch.where(mask, new, kept) for kept, new in zip(self._kept, begun, strict=True)])
         self.steps.masked_fill_(mask, 0)
         flags = {name: torch.zeros_like(mask).unsqueeze(-1) for name in FLAGS}
@@ -229,7 +229,7 @@ class BatchedPendulums(EnvBase):
             self._torque.copy_(self._torques.gather(-1, k).squeeze(-1))
         after = self.model.advance(self.state, u, t)
         shown = self._sensors(*self._read(after, self.sensing, t + dt))
-        self._keep([*_leaves(after), *shown, *(share, *self.past)[: self.history]])
+        self._keep([*_leaves(after), *shown, *(share, *self.past_actions)[: self.history]])
         self.steps.add_(1)
         ended = (self.steps >= self.horizon).unsqueeze(-1)
         after = {
@@ -248,7 +248,7 @@ class BatchedPendulums(EnvBase):
             self.forget()
 
     def _observe(self) -> Tensor:
-        return torch.stack(task.observation(self.seen, self.past), -1).to(torch.float32)
+        return torch.stack(task.observation(self.seen, self.past_actions), -1).to(torch.float32)
 
     def _read(self, state: State, sensing: tuple[Memory, ...], t: Any) -> tuple[Reading, tuple[Memory, ...]]:
         return self.model.read(state.theta, state.theta_dot, sensing, t)

@@ -55,7 +55,7 @@ def make_pendulum(
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """One pendulum as a gymnasium.Env, with the swing-up task.
 
-        observation = [cos theta, sin theta, theta_dot, past]   (3 + history,)        action = u   (1,) [N m]
+        observation = [cos theta, sin theta, theta_dot, past_commands]   (3 + history,)    action = u   (1,) [N m]
 
     The action is clipped to +-u_max. Observed is what the model's sensors show, and the last `history` commands divided
     by u_max.
@@ -156,7 +156,7 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         reward = float(task.reward(self._state, u, self.model.dt))
         self._state = self._drawn.advance(self._state, u, self._steps * self.model.dt)
         self._steps += 1
-        self._past = (u / self.model.u_max, *self._past)[: self.history]
+        self._past_commands = (u / self.model.u_max, *self._past_commands)[: self.history]
         self._look()
         return self._observation(), reward, False, False, {}
 
@@ -178,7 +178,7 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _begin(self, theta: float, theta_dot: float) -> None:
         self._state, self._steps = self._drawn.initial_state(theta, theta_dot), 0
-        self._past, self._sensing = (0.0,) * self.history, self._drawn.sensing(theta, theta_dot)
+        self._past_commands, self._sensing = (0.0,) * self.history, self._drawn.sensing(theta, theta_dot)
         self._look()
 
     def _look(self) -> None:
@@ -186,4 +186,4 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._seen, self._sensing = self._drawn.read(*now, self._sensing, self._steps * self.model.dt)
 
     def _observation(self) -> Observation:
-        return np.array(task.observation(self._seen, self._past), dtype=np.float32)
+        return np.array(task.observation(self._seen, self._past_commands), dtype=np.float32)

@@ -54,13 +54,13 @@ def reward(state: State, u: Any, dt: float = INTERVAL) -> Any:
     return -(dt / INTERVAL) * cost(state, u)
 
 
-def observation(seen: State | Reading, past: Sequence[Any] = ()) -> tuple[Any, ...]:
-    """(cos theta, sin theta, theta_dot, *past), unscaled, in the precision and back end of what is seen; stack it.
+def observation(seen: State | Reading, past_commands: Sequence[Any] = ()) -> tuple[Any, ...]:
+    """(cos theta, sin theta, theta_dot, *past_commands), unscaled, in the precision and back end of what is seen.
 
-    past: the last k commands divided by u_max, the latest first, 0 before the start. A policy needs them where commands
-    under way decide what comes, as with a delay.
+    past_commands: the last k, divided by u_max, the latest first, 0 before the start. A policy needs them where
+    commands under way decide what comes, as with a delay. The entries are yet to be stacked.
     """
-    return ops.cos(seen.theta), ops.sin(seen.theta), seen.theta_dot, *past
+    return ops.cos(seen.theta), ops.sin(seen.theta), seen.theta_dot, *past_commands
 
 
 def observation_names(history: int = 0) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
 COLUMNS = ("t", "u", "theta", "theta_dot")
-PAST = 10.0
+PREVIOUS_SECONDS = 10.0
 """Seconds of earlier commands that a piece of a rollout keeps; the memory of drives (delay, lag) is shorter."""
 
 
@@ -145,7 +145,7 @@ class Record:
                 parts[column] = value if first == 0 else None
             else:
                 parts[column] = value[first : last + (len(value) > len(self))]
-        kept = math.ceil(PAST / self.dt)
+        kept = math.ceil(PREVIOUS_SECONDS / self.dt)
         before = self.commands[: len(self.previous_commands) + first][-kept:]
         origin = float(self.t[0]) if self.origin is None else self.origin
         return replace(self, **parts, name=name or self.name, origin=origin, before=before)
@@ -201,7 +201,7 @@ class Record:
     def starts_midway(self) -> bool:
         """Whether the record begins in the middle of a rollout, and drives may remember commands that are not known."""
         known = (len(self.previous_commands) + 0.5) * self.dt
-        return bool(self.time_since_start[0] > known and known < PAST)
+        return bool(self.time_since_start[0] > known and known < PREVIOUS_SECONDS)
 
     @property
     def dt(self) -> float:
