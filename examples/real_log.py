@@ -46,10 +46,10 @@ def hangs(log: Path) -> bool:
     return beside.is_file() and "hanging" in str(json.loads(beside.read_text(encoding="utf-8")).get("sign_convention"))
 
 
-def run(*words: str) -> int:
+def run(*arguments: str) -> int:
     """One command, said and done."""
-    print(f"\n$ python -m sysid {shlex.join(words)}", flush=True)
-    return command_line(words)
+    print(f"\n$ python -m sysid {shlex.join(arguments)}", flush=True)
+    return command_line(arguments)
 
 
 def walk(log: Path, out: Path, reading: list[str], plant: str) -> int:

@@ -58,7 +58,7 @@ UNKNOWN = Change(
     "log asks for. Against m and l alone: {counted}.",
     (False,),
 )
-RIVALS = (
+OTHER_USES = (
     Change("mended", "all_effects", "against all effects fitted at once: {counted}"),
     Change("mended", "network", "against a learned residual torque: {counted}"),
 )
@@ -71,12 +71,14 @@ ORACLE = (
 
 def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
     """(question, answer), as far as the plan asked for it."""
-    rivals, oracle = ("; ".join(filter(None, (own.told(findings) for own in group))) for group in (RIVALS, ORACLE))
+    other_uses, oracle = (
+        "; ".join(filter(None, (own.told(findings) for own in group))) for group in (OTHER_USES, ORACLE)
+    )
     asked = {
         "Does breadth pay when the simulator lacks an effect?": BREADTH.told(findings),
         "What is it worth to name the effect?": NAMING.told(findings),
         "What does an honest “unknown” buy?": UNKNOWN.told(findings),
-        "What else could the rollouts be spent on?": rivals and f"The diagnosis {rivals}.",
+        "What else could the rollouts be spent on?": other_uses and f"The diagnosis {other_uses}.",
         "And without any rollout?": WITHOUT_ROLLOUTS.told(findings),
         "What is left?": oracle and f"Trained on the hidden plant itself, against the diagnosis: {oracle}.",
     }

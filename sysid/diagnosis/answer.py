@@ -410,8 +410,8 @@ class Diagnosis:
             return "what was fitted to is explained, held-out data are not: they show what the rest of the log does not"
         what, unit = quantity("torque", self.error.units), self.error.units["torque"]
         many = f"{len(self.contacts)} stretches that a hand may have touched"
-        touched = f"in {many if len(self.contacts) > 1 else self.contacts[0]}" if self.contacts else ""
-        on = dependence_on(remaining.depends_on, touched, remaining.where)
+        where = f"in {many if len(self.contacts) > 1 else self.contacts[0]}" if self.contacts else ""
+        on = dependence_on(remaining.depends_on, where, remaining.where)
         return f"a {what} of rms {remaining.torque:.2g} {unit} remains that no known effect explains; {on}"
 
     def __repr__(self) -> str:
@@ -433,8 +433,8 @@ class Diagnosis:
         given = [e.name for e in self.estimate.model.effects if e.name not in added]
         begun = [(name, own) for name in ("", *given) if (own := fitted_numbers(self.estimate, name))]
         if begun:
-            words = (with_numbers(name, own) if name else numbers_in_words(own) for name, own in begun)
-            lines.append(f"  with {', '.join(words)}")
+            parts = (with_numbers(name, own) if name else numbers_in_words(own) for name, own in begun)
+            lines.append(f"  with {', '.join(parts)}")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)
         if self.next_experiment is not None:
