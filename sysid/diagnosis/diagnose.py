@@ -328,10 +328,10 @@ class _Report:
                 (name, *self.search.inseparable(name)),
                 merit[name],
                 self._p_value(name),
+                error_after=self.confirmed.error(fits[name]).ratio if name in fits else None,
                 fit=fits.get(name),
                 needed=self.confirmed.needed,
                 missing=missing,
-                held_out=self.confirmed.error,
             )
             for name in order
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +15,6 @@ from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.linearisation import LinearisedModel
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -34,25 +32,20 @@ class Ranked:
     score              decrease of the deviance (-2 log likelihood) beyond the price, expected or, if it was fitted,
                        found
     p_value            of the score test, multiplied by the number of effects that were tested (Bonferroni's correction)
+    error_after        the held-out error with it, in units of the sensor noise, if it was fitted
     fit                the fit with it, if it was fitted
     needed             the random torque beside which missing torques are found
     missing            RMS of the torque [N m] that is missing without it
-    held_out           the function that gives the held-out error of a fit
     """
 
     effect: str
     indistinguishable: tuple[str, ...]
     score: float
     p_value: float
+    error_after: float | None = None
     fit: Fit | None = None
     needed: Disturbances | None = None
     missing: float = 0.0
-    held_out: Callable[[Fit], HeldOutError] | None = None
-
-    @cached_property
-    def error_after(self) -> float | None:
-        """The held-out error with it, in units of the sensor noise; None if it was not fitted."""
-        return None if self.fit is None or self.held_out is None else self.held_out(self.fit).ratio
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:

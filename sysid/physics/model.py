@@ -124,6 +124,10 @@ class Model:
         if len(actuators) > 1:
             raise InvalidInput(f"the model has actuators {' and '.join(actuators)}: expected one of them")
 
+    def __getstate__(self) -> dict[str, object]:
+        """What is pickled: the fields, without what was derived from them."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+
     @cached_property
     def input_effects(self) -> tuple[InputEffect, ...]:
         """The effects between command and drive torque, in the order in which they act."""

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import logging
 import math
+import pickle
 import re
 from functools import partial
 
@@ -461,6 +462,15 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
     assert all(isinstance(n, str) for group in data["not_identifiable"] for n in group)
     assert all(set(r) == {"parameter", "size", "unit"} for r in data["ruled_out"].values())
     assert data["seconds"] > 0.0
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_an_answer_passes_from_one_process_to_another(name: str) -> None:
+    found = of(name)
+    arrived = pickle.loads(pickle.dumps(found))
+    assert str(arrived) == str(found)
+    assert arrived.to_dict() == found.to_dict()
+    assert [str(c) for c in arrived.comparisons] == [str(c) for c in found.comparisons]
 
 
 def assert_ladder(errors: list[float]) -> None:
