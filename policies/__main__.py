@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from policies.cli.options import COMMANDS
-from sysid.cli.command_line import answer, called, ends_quietly
+from sysid.cli.command_line import answer, called, entry_point
 
 
-@ends_quietly
-def main(arguments: Sequence[str] | None = None) -> int:
+@entry_point
+def main(arguments: Sequence[str]) -> int:
     """Run the command line; returns the exit code: 0 answered, 1 nobody reads on, 2 bad input, 130 stopped."""
     about = "A controller for a fitted model: trained on it, written to a file, judged on another model."
     return answer(COMMANDS, _run, called("python -m policies"), about, arguments)

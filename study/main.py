@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from study.presets import ABOUT, PRESETS
-from sysid.cli.command_line import called, ends_quietly
+from sysid.cli.command_line import called, entry_point
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -61,16 +61,16 @@ class Options:
     """Seconds between checkpoints of a population: about what a crash may cost it."""
 
 
-@ends_quietly
-def main(arguments: Sequence[str] | None = None) -> int:
+@entry_point
+def main(arguments: Sequence[str]) -> int:
     """Run the command line.
 
     Returns the exit code: 0 done, 1 a task failed or nobody reads on, 2 bad input, 130 stopped.
     """
-    program, given = called("python -m study.main"), sys.argv[1:] if arguments is None else list(arguments)
-    options = tyro.cli(Options, prog=program, args=given)
+    program = called("python -m study.main")
+    options = tyro.cli(Options, prog=program, args=arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
-    return _study(options, f"{program} {shlex.join(given)}".strip())
+    return _study(options, f"{program} {shlex.join(arguments)}".strip())
 
 
 def _study(options: Options, command: str) -> int:

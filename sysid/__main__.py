@@ -12,13 +12,13 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from sysid.cli.command_line import answer, ends_quietly
+from sysid.cli.command_line import answer, entry_point
 from sysid.cli.command_options import COMMANDS, WorkbenchCommand
 from sysid.data.files import check_installed
 
 
-@ends_quietly
-def main(arguments: Sequence[str] | None = None) -> int:
+@entry_point
+def main(arguments: Sequence[str]) -> int:
     """Run the command line; returns the exit code: 0 answered, 1 nobody reads on, 2 bad input, 130 stopped."""
     about = "What is the model of a joint missing? Torque and motion go in, the missing effect comes out."
     return answer(COMMANDS, _run, "sysid", about, arguments)

@@ -1,5 +1,6 @@
 """The wheel is what users get: it holds what runs and nothing else, and it runs where no source tree is."""
 
+import importlib.metadata
 import os
 import subprocess
 import sys
@@ -42,12 +43,18 @@ def test_it_holds_the_packages_and_nothing_else(wheel):
     assert not any(name.startswith("study/results") or "test" in Path(name).parts for name in names)
 
 
+@pytest.mark.parametrize("module", ["sysid.__main__", "policies.__main__", "study.main", "study.worth.__main__"])
+def test_every_command_says_its_version(module, capsys):
+    assert importlib.import_module(module).main(["--version"]) == 0
+    assert capsys.readouterr().out == f"gapfinder {importlib.metadata.version('gapfinder')}\n"
+
+
 @pytest.mark.long
 def test_installed_it_diagnoses_a_log(wheel, tmp_path):
     pip("install", "--no-index", "--no-deps", "--target", tmp_path / "site", wheel)
     away = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(tmp_path / "site")}}
     assert Path(run("-c", "import sysid; print(sysid.__file__)", **away).strip()).is_relative_to(tmp_path)
-    for command, word in (("sysid", "--version"), ("gapfinder-study", "--help"), ("gapfinder-policies", "--help")):
+    for command, word in (("sysid", "--version"), ("gapfinder-study", "--version"), ("gapfinder-policies", "--help")):
         assert run(tmp_path / "site" / "bin" / command, word, **away)
     run(ROOT / "examples" / "hidden_effect.py", "--only-log", "--log", tmp_path / "log", **away)
     logs = sorted(tmp_path.rglob("swing*.csv"))

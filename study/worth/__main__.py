@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.conf import arg
 
-from sysid.cli.command_line import OPTIONS, carry_out, ends_quietly
+from sysid.cli.command_line import OPTIONS, carry_out, entry_point
 from sysid.cli.command_options import File, Number, OnLog, Output
 from sysid.errors import InvalidInput
 
@@ -61,8 +61,8 @@ class WorthOptions(OnLog):
     """Draw the answer here (.png)."""
 
 
-@ends_quietly
-def main(arguments: Sequence[str] | None = None) -> int:
+@entry_point
+def main(arguments: Sequence[str]) -> int:
     """Run the command line; returns the exit code: 0 answered, 1 nobody reads on, 2 bad input, 130 stopped."""
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     with OPTIONS:

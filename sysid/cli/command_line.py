@@ -17,7 +17,7 @@ from functools import reduce, wraps
 from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, ParamSpec, Union, get_args
+from typing import Any, Union, get_args
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -25,7 +25,6 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
-Arguments = ParamSpec("Arguments")
 PACKAGES = ("sysid", "policies", "study.worth")
 """The loggers that a command line listens to."""
 OPTIONS = ConstructorRegistry()
@@ -92,17 +91,22 @@ def called(module: str) -> str:
     return name if name.startswith("gapfinder-") else module
 
 
-def ends_quietly(main: Callable[Arguments, int]) -> Callable[Arguments, int]:
-    """Make an entry point end without a word where whoever read its output has gone away.
+def entry_point(main: Callable[[Sequence[str]], int]) -> Callable[..., int]:
+    """Make an entry point of a function of the command line's arguments, by default those of the process.
 
-    Nobody waits for the rest, which is no error of the user's: the exit code is 1, as Python's own is then.
+    It answers --version, and ends without a word where whoever read its output has gone away. Nobody waits for the rest
+    then, which is no error of the user's: the exit code is 1, as Python's own is.
     """
 
     @wraps(main)
-    def run(*arguments: Arguments.args, **named: Arguments.kwargs) -> int:
+    def run(arguments: Sequence[str] | None = None) -> int:
+        given = sys.argv[1:] if arguments is None else list(arguments)
         try:
             try:
-                return main(*arguments, **named)
+                if given != ["--version"]:
+                    return main(given)
+                print(version())
+                return 0
             finally:
                 sys.stdout.flush()  # here, and not when the interpreter ends, where nothing could be caught
         except BrokenPipeError:
@@ -117,17 +121,13 @@ def answer(
     run: Callable[[Any], None],
     prog: str,
     about: str,
-    arguments: Sequence[str] | None = None,
+    arguments: Sequence[str],
 ) -> int:
     """Read one of the commands and run it; returns the exit code of `carry_out`."""
-    given = sys.argv[1:] if arguments is None else list(arguments)
-    if given == ["--version"]:
-        print(version())
-        return 0
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     with OPTIONS:
         command = tyro.extras.subcommand_cli_from_dict(
-            dict(commands), prog=prog, description=about, args=given, config=config
+            dict(commands), prog=prog, description=about, args=arguments, config=config
         )
     return carry_out(command, run)
 
@@ -147,7 +147,7 @@ def carry_out(command: Any, run: Callable[[Any], None]) -> int:
         except KeyboardInterrupt:
             logger.error("stopped")
             return 130
-        except BrokenPipeError:  # whoever read the answer has seen enough: `ends_quietly`
+        except BrokenPipeError:  # whoever read the answer has seen enough: `entry_point`
             raise
         except BaseException as error:
             logger.error(f"error: {_refusal(error)}")

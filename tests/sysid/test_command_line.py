@@ -458,11 +458,6 @@ def test_a_servo_told_by_its_commands(tmp_path, capsys):
     assert "position_servo.k_p = 5.9" in capsys.readouterr().out.replace("6.0", "5.9")
 
 
-def test_the_version_is_said(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("gapfinder ")
-
-
 def test_an_actuators_constant_stays_where_the_plant_is_free(tmp_path, capsys):
     """Also where the actuator is put in by name: motion alone cannot show it."""
     rng = np.random.default_rng(1)
