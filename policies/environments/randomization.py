@@ -151,18 +151,6 @@ class PriorRange(Randomization):
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """Draw the parameters of one episode.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Where the random numbers come from.
-        model : Model
-            The model whose parameters are drawn.
-
-        Returns
-        -------
-        dict of str to float
-            The parameters by name.
-
         Raises
         ------
         InvalidInput
@@ -438,13 +426,6 @@ class RandomForce(Randomization):
         return self.s * np.array(list(accumulate(z, lambda d, z_k: a * d + new * z_k, initial=first)))
 
     def to_json(self) -> dict[str, Any]:
-        """The randomization as plain data.
-
-        Returns
-        -------
-        dict
-            The kind, the inner one's own and the numbers.
-        """
         return super().to_json() | {"inner": self.inner.to_json()}
 
 

@@ -55,7 +55,20 @@ class TrainingSettings(ABC):
 
     @abstractmethod
     def memory(self, agents: int, observation_size: int) -> float:
-        """About how many bytes so many agents take."""
+        """About how many bytes a training takes.
+
+        Parameters
+        ----------
+        agents : int
+            The number of agents.
+        observation_size : int
+            The numbers in an observation.
+
+        Returns
+        -------
+        float
+            The bytes.
+        """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))

@@ -99,20 +99,7 @@ class SACSettings(TrainingSettings):
             raise InvalidInput(f"batch = {self.batch}: expected at least 2 transitions")
 
     def memory(self, agents: int, observation_size: int) -> float:
-        """How many bytes the networks of so many agents take with their optimisers, and their transitions.
-
-        Parameters
-        ----------
-        agents : int
-            The number of agents.
-        observation_size : int
-            The numbers in an observation.
-
-        Returns
-        -------
-        float
-            The bytes.
-        """
+        """How many bytes the networks take with their optimisers, and the transitions."""
         sizes = (observation_size + 1, *self.hidden, 2)
         weights = 14 * sum(a * b for a, b in pairwise(sizes))  # 4 copies of the actor's, 5 of each critic's
         activations = 8 * self.batch * sum(self.hidden)
@@ -190,7 +177,7 @@ class StackedSACLoss(SACLoss):
         return torch.autograd.grad(loss, self.critic_leaves)
 
     def actor_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
-        """Of L_actor and L_alpha, for `actor_leaves` and log_alpha."""
+        """Of L_actor and L_alpha over transitions (A, B) with "noise": for `actor_leaves`, and log_alpha at the end."""
         loss, about = self.actor_loss(tensordict)
         loss = loss + self._reduce_loss(self.alpha_loss(about["log_prob"]))
         return torch.autograd.grad(loss, [*self.actor_leaves, self.log_alpha])
@@ -223,18 +210,6 @@ class FastSACLoss(StackedSACLoss):
 
     @torch.no_grad()
     def actor_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
-        """Of L_actor and L_alpha, written out.
-
-        Parameters
-        ----------
-        tensordict : TensorDict
-            Transitions (A, B), with the entry "noise".
-
-        Returns
-        -------
-        sequence of Tensor
-            Gradients for `actor_leaves`, and for log_alpha at the end.
-        """
         observation, noise = tensordict.get("observation"), tensordict.get("noise")
         passed = forward(with_ones(observation), self.actor_leaves)
         loc, log_std = head(passed[-1])
@@ -272,25 +247,9 @@ class SACPopulation(Population):
     An agent has two critics Q_i, their slow copies Q'_i, a policy pi and a temperature alpha. Means run over the
     transitions of the agent's own batch, and the agents' losses are summed: no gradient of one depends on another.
 
-    Parameters
-    ----------
-    model : Model
-        The pendulum whose parameters the randomizations draw.
-    randomizations : sequence of Randomization (A,)
-        What each agent's episodes draw.
-    seeds : sequence of int (A,)
-        The seed of each agent.
-    settings : SACSettings, optional
-        The settings; by default as they come.
-    device : str, optional
-        Where the tensors lie.
-    history : int, optional
-        How many past commands the agents observe.
-
-    Raises
-    ------
-    InvalidInput
-        For a training that takes too much memory, and as `BatchedPendulums` does.
+    Notes
+    -----
+    It is made of what every `Population` is made of, with `SACSettings`.
 
     References
     ----------
@@ -323,13 +282,7 @@ class SACPopulation(Population):
         self.resumed()
 
     def train(self, steps: int) -> None:
-        """Advance every agent by `steps` environment steps, but not beyond settings.steps.
-
-        Parameters
-        ----------
-        steps : int
-            The environment steps of each agent.
-        """
+        """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
         for _ in range(min(steps, self.settings.steps - self.steps_done)):
             self._step()
 

@@ -120,20 +120,7 @@ class SHACSettings(TrainingSettings):
         return self.environments * self.horizon
 
     def memory(self, agents: int, observation_size: int) -> float:
-        """How many bytes the networks take with their optimisers, and a window on its way back.
-
-        Parameters
-        ----------
-        agents : int
-            The number of agents.
-        observation_size : int
-            The numbers in an observation.
-
-        Returns
-        -------
-        float
-            The bytes.
-        """
+        """How many bytes the networks take with their optimisers, and a window on its way back."""
         sizes = (observation_size, *self.hidden, 1)
         weights = 9 * sum(a * b for a, b in pairwise(sizes))
         window = self.window * (4 * sum(self.hidden) + 2 * OPERATIONS)
@@ -249,28 +236,10 @@ class SHACPopulation(Population):
     Each agent has its own E pendulums, whose episodes end one after another. They move for T steps from where they are,
     under the agent's policy pi with noise; its value function V, with a slow copy V', says what comes after.
 
-    Parameters
-    ----------
-    model : Model
-        The pendulum whose parameters the randomizations draw.
-    randomizations : sequence of Randomization (A,)
-        What each agent's episodes draw.
-    seeds : sequence of int (A,)
-        The seed of each agent.
-    settings : SHACSettings, optional
-        The settings; by default as they come.
-    device : str, optional
-        Where the tensors lie.
-    history : int, optional
-        How many past commands the agents observe.
-
-    Raises
-    ------
-    InvalidInput
-        For a training that takes too much memory, and as `BatchedPendulums` does.
-
     Notes
     -----
+    It is made of what every `Population` is made of, with `SHACSettings`.
+
     The model is differentiable, so that a gradient costs no more than twice the motion, and has none of the noise that
     an estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on.
     Where tanh has come to its end nothing is left of the gradient, and a policy that hangs at full torque would hang
@@ -310,11 +279,6 @@ class SHACPopulation(Population):
 
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, or up to a window more, but not beyond settings.steps.
-
-        Parameters
-        ----------
-        steps : int
-            The environment steps of each agent.
 
         Raises
         ------
