@@ -153,14 +153,15 @@ def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple
     Friction c, `plus` or `minus` [rad/s^2], acts against the motion. The joint slides for min(h, |v| / (c - a sign v)).
     Then it stays, with speed 0 exactly, or leaves with a -+ c if a is beyond friction's limit. Exact at constant a, c.
     """
-    sign = ops.where(v > 0.0, 1.0, -1.0)
-    slowing = ops.where(v > 0.0, plus, minus) - sign * a
-    sliding = ops.minimum(h, sign * v / ops.maximum(slowing, 1e-9))
+    forward = v > 0.0
+    sign, slowing = ops.where(forward, 1.0, -1.0), ops.where(forward, plus, -minus) - a
+    speed, against = sign * v, sign * slowing
+    sliding = ops.minimum(h, speed / ops.maximum(against, 1e-9))
     resting = h - sliding
-    leaving = ops.where(a > 0.0, ops.maximum(a - plus, 0.0), ops.minimum(a + minus, 0.0))
-    slowed = ops.where(sign * v < slowing * h, leaving * resting, v - sign * slowing * h)
-    moved = v * sliding - 0.5 * sign * slowing * sliding * sliding + 0.5 * leaving * resting * resting
-    return slowed, moved, (sliding + resting * leaving * a / (a * a + 1e-30)) / h
+    gained = ops.where(a > 0.0, ops.maximum(a - plus, 0.0), ops.minimum(a + minus, 0.0)) * resting
+    slowed = ops.where(speed < against * h, gained, v - slowing * h)
+    moved = v * sliding - 0.5 * slowing * sliding * sliding + 0.5 * gained * resting
+    return slowed, moved, (sliding + gained * a / (a * a + 1e-30)) / h
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -24,15 +25,18 @@ Value: TypeAlias = Any
 _CASADI = (casadi.SX, casadi.MX, casadi.DM)
 
 
-def _tensor_module(values: tuple[Value, ...]) -> ModuleType | None:
+def _module_for(*types: type) -> Any:
+    """torch, casadi or numpy for values of these types; None if all are plain numbers."""
     torch = sys.modules.get("torch")
-    if torch is not None and any(isinstance(v, torch.Tensor) for v in values):
+    if torch is not None and any(issubclass(t, torch.Tensor) for t in types):
         return torch
-    return None
+    if any(issubclass(t, _CASADI) for t in types):
+        return casadi
+    return np if any(issubclass(t, np.ndarray) for t in types) else None
 
 
-def _is_casadi(values: tuple[Value, ...]) -> bool:
-    return any(isinstance(v, _CASADI) for v in values)
+_back_end: Callable[..., Any] = cache(_module_for)
+"""Looking at the types anew would cost as much as the functions themselves on the few numbers of one state."""
 
 
 def is_number(value: Value) -> bool:
@@ -43,14 +47,10 @@ def is_number(value: Value) -> bool:
 
 
 def _unary(name: str, x: Value) -> Value:
-    torch = _tensor_module((x,))
-    if torch is not None:
-        return getattr(torch, name)(x)
-    if _is_casadi((x,)):
-        return getattr(casadi, "fabs" if name == "abs" else name)(x)
-    if isinstance(x, np.ndarray):
-        return getattr(np, name)(x)
-    return float(getattr(np, name)(x))
+    back_end = _back_end(type(x))
+    if back_end is None:
+        return float(getattr(np, name)(x))
+    return getattr(back_end, "fabs" if name == "abs" and back_end is casadi else name)(x)
 
 
 def sin(x: Value) -> Value:
@@ -105,14 +105,14 @@ def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
 
 
 def _binary(name: str, casadi_name: str, x: Value, y: Value) -> Value:
-    torch = _tensor_module((x, y))
-    if torch is not None:
-        return getattr(torch, name)(*_as_tensors(torch, (x, y)))
-    if _is_casadi((x, y)):
-        return getattr(casadi, casadi_name)(x, y)
-    if isinstance(x, np.ndarray) or isinstance(y, np.ndarray):
+    back_end = _back_end(type(x), type(y))
+    if back_end is np:
         return getattr(np, name)(x, y)
-    return float(getattr(np, name)(x, y))
+    if back_end is None:
+        return float(getattr(np, name)(x, y))
+    if back_end is casadi:
+        return getattr(casadi, casadi_name)(x, y)
+    return getattr(back_end, name)(*_as_tensors(back_end, (x, y)))
 
 
 def minimum(x: Value, y: Value) -> Value:
@@ -134,34 +134,38 @@ def clip(x: Value, low: Value, high: Value) -> Value:
 
 def where(condition: Value, x: Value, y: Value) -> Value:
     """x where the condition holds, else y; both are evaluated, so both must be finite."""
-    torch = _tensor_module((condition, x, y))
-    if torch is not None:
-        if not isinstance(condition, torch.Tensor):
-            condition = torch.as_tensor(condition)
-        if not any(isinstance(v, torch.Tensor) for v in (x, y)):
-            x = torch.full((), float(x), device=condition.device)
-        return torch.where(condition, *_as_tensors(torch, (x, y)))
-    if _is_casadi((condition, x, y)):
-        return casadi.if_else(condition, x, y)
-    if any(isinstance(v, np.ndarray) for v in (condition, x, y)):
+    back_end = _back_end(type(condition), type(x), type(y))
+    if back_end is np:
         return np.where(condition, x, y)
-    return x if condition else y
+    if back_end is None:
+        return x if condition else y
+    if back_end is casadi:
+        return casadi.if_else(condition, x, y)
+    torch = back_end
+    if not isinstance(condition, torch.Tensor):
+        condition = torch.as_tensor(condition)
+    if not any(isinstance(v, torch.Tensor) for v in (x, y)):
+        x = torch.full((), float(x), device=condition.device)
+    return torch.where(condition, *_as_tensors(torch, (x, y)))
 
 
 def stack(values: Sequence[Value]) -> Value:
     """Values (...,) side by side along a new last axis, (..., I); CasADi symbols as a column (I, 1)."""
-    torch = _tensor_module(tuple(values))
-    if torch is not None:
-        return torch.stack(torch.broadcast_tensors(*_as_tensors(torch, tuple(values))), -1)
-    if _is_casadi(tuple(values)):
+    back_end = _back_end(*map(type, values))
+    if back_end is casadi:
         return casadi.vertcat(*values)
-    return np.stack(np.broadcast_arrays(*values), -1)
+    if back_end is None or back_end is np:
+        return np.stack(np.broadcast_arrays(*values), -1)
+    torch = back_end
+    return torch.stack(torch.broadcast_tensors(*_as_tensors(torch, tuple(values))), -1)
 
 
 def as_type_of(like: Value, *values: Value) -> tuple[Value, ...]:
     """The values as tensors of the type and on the device of `like` if that is a tensor; else as they are."""
-    torch = _tensor_module((like,))
-    return values if torch is None else tuple(_as_tensors(torch, (like, *values))[1:])
+    back_end = _back_end(type(like))
+    if back_end in (None, np, casadi):
+        return values
+    return tuple(_as_tensors(back_end, (like, *values))[1:])
 
 
 def wrap(theta: Value) -> Value:
