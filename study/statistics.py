@@ -26,6 +26,9 @@ from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
 from sysid.physics.ops import Array
 
+DRAWN_AT_ONCE = 1_000_000
+"""Numbers that a bootstrap holds at a time, 8 bytes each."""
+
 
 @dataclass(frozen=True)
 class Contrast:
@@ -120,7 +123,8 @@ def _interval(samples: Array, rng: np.random.Generator, resamples: int) -> tuple
     """Percentile intervals (...,) of the means of samples (..., S), which share the draws."""
     from scipy.stats import bootstrap  # loads for most of a second, in every worker
 
-    options = {"n_resamples": resamples, "method": "percentile", "random_state": rng, "batch": 200}
+    batch = max(1, DRAWN_AT_ONCE // samples.size)  # the draws do not depend on it
+    options = {"n_resamples": resamples, "method": "percentile", "random_state": rng, "batch": batch}
     return bootstrap((samples,), np.mean, axis=-1, **options).confidence_interval
 
 
