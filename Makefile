@@ -22,7 +22,7 @@ test: .venv/installed
 	$(RUN) -m pytest -n auto --dist loadfile -m "not long" $(ARGS)
 
 test-all: .venv/installed
-	$(RUN) -m pytest -n auto --dist loadfile $(ARGS)
+	$(RUN) -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: .venv/installed
 	$(RUN) -m ruff check
