@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from study.paper import claims, paper_figures
+from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
 from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
-from study.paper.paper_figures import heatmaps, paretos
 from study.paper.presets import PAPER, PAPER_PRESETS, Preset
 from study.paper.published_numbers import CELLS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
@@ -26,6 +25,9 @@ from study.paper.saturation_budget import budget_curves, paragraph
 from study.paper.sweep_findings import PointFindings
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPRODUCTION_CAPTIONS = {
     "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
@@ -78,6 +80,8 @@ def reproduce(
     folder: of the results, beside which those of other presets lie; theirs: the authors' runs, where they are given;
     scatter: where identification was studied
     """
+    from study.paper import paper_figures  # loads matplotlib, which no worker needs
+
     preset = found[0].preset
     base = PAPER_PRESETS.get(preset.companion or "", preset)
     own = outcomes(run for answer in found for run in answer.runs)
@@ -141,6 +145,8 @@ def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Out
 
 def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Callable[[], Figure]]:
     """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
+    from study.paper import paper_figures
+
     theirs = {spot[1:]: cell.summary for spot, cell in CELLS.items() if spot.point == "main"}
     ours = {spot[1:]: agreement.ours.summary(spot) for spot in agreement.ours.table if spot.point == "main"}
     drawings: dict[str, Callable[[], Figure]] = {}
@@ -152,8 +158,8 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
         published = "Published (256 × 256 networks, 10 seeds)"  # noqa: RUF001
         sides = {published: theirs, here: ours}
         optima = {published: references[OPTIMAL], here: main.rating(OPTIMAL, own)[0]}
-        drawings["published_heatmap"] = lambda: heatmaps(sides, references, optima)
-        drawings["published_pareto"] = lambda: paretos(sides, references)
+        drawings["published_heatmap"] = lambda: paper_figures.heatmaps(sides, references, optima)
+        drawings["published_pareto"] = lambda: paper_figures.paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
         drawings["published_contrasts"] = lambda: paper_figures.contrasts(ran)
     return drawings

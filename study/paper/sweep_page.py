@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
 from study.paper.finished_runs import run_table
-from study.paper.paper_figures import drawings
 from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_UP
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
@@ -37,6 +36,8 @@ def outputs(preset: Preset) -> tuple[str, ...]:
 
 def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) -> Account:
     """What is told of the operating points, one after the other, and of all of them against the publication."""
+    from study.paper.paper_figures import drawings  # loads matplotlib, which no worker needs
+
     preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.key, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]

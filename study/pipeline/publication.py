@@ -11,14 +11,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jinja2
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from study.figure_style import save_figure
 from study.formatting import capital, number, signed
 from study.pipeline.database import Database
 from study.pipeline.population_task import POLICY_FOLDER
@@ -27,12 +25,15 @@ from study.pipeline.stages import duration
 from study.pipeline.tables import write_rows
 from sysid.data.files import write_whole
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PUBLISHED = ("study.json", "report.html", POLICY_FOLDER)
 """What every experiment writes beside its tables and figures."""
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]
 """Columns and rows of a CSV file."""
-Drawing = tuple[Callable[[], Figure], str]
+Drawing = tuple[Callable[[], "Figure"], str]
 """What draws a figure, and what stands below it."""
 
 
@@ -66,6 +67,8 @@ class Account:
 
     def write(self, folder: Path, device: str) -> list[Path]:
         """Write all of it into the folder; returns the figures."""
+        from study.figure_style import save_figure  # loads matplotlib, which no worker needs
+
         for name, table in self.tables.items():
             write_rows(folder / name, *table)
         drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items()}
