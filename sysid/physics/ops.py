@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -25,18 +25,18 @@ Value: TypeAlias = Any
 _CASADI = (casadi.SX, casadi.MX, casadi.DM)
 
 
-@cache
-def _back_end(*types: type) -> Any:
-    """torch, casadi or numpy for values of these types; None if all are plain numbers.
-
-    It is cached, since to look at the types costs as much as the functions themselves on the numbers of one state.
-    """
+def _module_for(*types: type) -> Any:
+    """torch, casadi or numpy for values of these types; None if all are plain numbers."""
     torch = sys.modules.get("torch")
     if torch is not None and any(issubclass(t, torch.Tensor) for t in types):
         return torch
     if any(issubclass(t, _CASADI) for t in types):
         return casadi
     return np if any(issubclass(t, np.ndarray) for t in types) else None
+
+
+_back_end: Callable[..., Any] = cache(_module_for)
+"""Looking at the types anew would cost as much as the functions themselves on the few numbers of one state."""
 
 
 def is_number(value: Value) -> bool:
