@@ -24,7 +24,7 @@ import dataclasses, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background of a shell ignores it
 from study import main
 from study.paper import presets
-presets.PRESETS["smoke"] = dataclasses.replace(presets.SMOKE, steps={STEPS})
+presets.PAPER_PRESETS["smoke"] = dataclasses.replace(presets.SMOKE, steps={STEPS})
 sys.exit(main.main())
 """
 
