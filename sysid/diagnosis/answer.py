@@ -421,14 +421,10 @@ class Diagnosis:
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
             place = "".join(f" in place of {own}" for own in gone if own in CATALOGUE[step.effect].contains)
-            lines.append(
-                f"  + {with_numbers(step.effect, step.parameters)}{place}: {fell}, {chance(step.p_value)}"
-                + (
-                    f"; this log cannot tell it from {', '.join(step.indistinguishable[1:])}"
-                    if len(step.indistinguishable) > 1
-                    else ""
-                )
-            )
+            others = ", ".join(step.indistinguishable[1:])
+            apart = f"; this log cannot tell it from {others}" if others else ""
+            effect = with_numbers(step.effect, step.parameters)
+            lines.append(f"  + {effect}{place}: {fell}, {chance(step.p_value)}{apart}")
         added = {step.effect for step in (*self.conventions, *self.steps)}
         given = [e.name for e in self.estimate.model.effects if e.name not in added]
         begun = [(name, own) for name in ("", *given) if (own := fitted_numbers(self.estimate, name))]

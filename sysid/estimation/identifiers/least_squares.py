@@ -112,11 +112,9 @@ class LeastSquares:
         begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
         near = fit_parameters(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
         whole = fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, EXACT)
-        return (
-            whole
-            if whole.converged
-            else fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, DAMPED)
-        )
+        if whole.converged:
+            return whole
+        return fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, DAMPED)
 
     def _beside_a_random_torque(self, samples: Samples, model: Model, used: int) -> Estimate:
         status = (
