@@ -163,8 +163,8 @@ class Confirmation:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
         An addition is needless if it raises the held-out error, or does not lower it by what matters (times its rarity,
-        and beside others by as much again; if it is RARE, by HALVED); if its size is compatible with 0 or not
-        determined by the readings; or if no machine has its numbers.
+        and beside others by as much again; if it is RARE and other effects still promise something, by HALVED); if its
+        size is compatible with 0 or not determined by the readings; or if no machine has its numbers.
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
@@ -200,7 +200,16 @@ class Confirmation:
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
-        return self._remains(self.fit_with(self.additions)[0]) or not self._remains(poorer)
+        end = self.fit_with(self.additions)[0]
+        if rarity >= RARE and not self._another_pays(end):
+            return False
+        return self._remains(end) or not self._remains(poorer)
+
+    def _another_pays(self, end: Fit) -> bool:
+        """Whether another effect of the catalogue is expected to pay. If none is, what remains looks random beside this
+        model: it hides a rare effect in the error of predictions, but it does not imitate one."""
+        promise = self.search.promise(scores(end, self.search.effects))
+        return any(merit > 0.0 for merit in promise.values())
 
     def _unmask(self) -> None:
         """Take back additions that mask something unknown, and confirm the others anew after each.

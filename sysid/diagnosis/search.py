@@ -144,7 +144,7 @@ class Search:
         effects. The simpler forms of a refinement are fitted, too.
         """
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
-        promise, least = self._promise(), self.settings.share
+        promise, least = self.promise(self.last), self.settings.share
         best = max(promise.values(), default=0.0)
         single = [n for n, own in promise.items() if own > max(0.0, least * best)][: self.settings.trials]
         tried, enough = list[Trial](), set[tuple[str, ...]]()
@@ -160,9 +160,9 @@ class Search:
                 self._try(now, simpler, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
-    def _promise(self) -> dict[str, float]:
+    def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""
-        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in self.last.items() if s.visible}
+        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in tested.items() if s.visible}
         return dict(sorted(promise.items(), key=lambda own: own[1], reverse=True))
 
     def _others(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
@@ -170,7 +170,7 @@ class Search:
         than they promised. Returned are those that predict left-out stretches better by more than chance."""
         known, present = {t.effects for t in trials}, {e.name for e in now.model.effects}
         tried = list(trials)
-        names = [n for n, own in self._promise().items() if own > 0.0 and (n,) not in known]
+        names = [n for n, own in self.promise(self.last).items() if own > 0.0 and (n,) not in known]
         names = [n for n in names if not any(present.issuperset(own) for own in CATALOGUE[n].refines)]
         for name in names[: self.settings.trials]:
             self._try_class(now, name, tried)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.benchmarks.random_torque import EFFECTS, case, report, world
+from tests.benchmarks.random_torque import EFFECTS, case, report, solve, world
 
 pytestmark = pytest.mark.long
 
@@ -28,3 +28,10 @@ def test_coverage_counts_the_numbers_of_the_named_effect_alone():
     assert "1.000 of 1 " in second
     assert "1 of 2" in third
     assert len(wrong) == 1
+
+
+@pytest.mark.parametrize("seed", [9, 74])
+def test_a_spring_is_named_beside_a_random_torque_though_predictions_hardly_improve(seed):
+    (row,) = solve(case(seed, 0.1, 0.3), ["ours"], None)[1].values()
+    assert [set(names) & {"spring"} for names in row["named"]] == [{"spring"}]
+    assert row["random_torque"] == pytest.approx(0.1, rel=0.2)

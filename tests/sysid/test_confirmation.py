@@ -62,6 +62,9 @@ class Scripted(Confirmation):
     def _remains(self, end: Any) -> bool:
         return True
 
+    def _another_pays(self, end: Any) -> bool:
+        return True
+
     def _hides(self, addition: Any, *_: Any) -> bool:
         return addition.name in self.hiding
 
@@ -142,6 +145,18 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
     beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
     with scripted() as patch:
         patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    assert ("tilt" in names_added(found.additions)) is stays
+
+
+@pytest.mark.parametrize(("share", "stays"), [(1.01, False), (0.99, True)])
+def test_beside_what_no_other_effect_explains_a_rare_effect_need_only_not_raise_the_error(
+    share: float, stays: bool
+) -> None:
+    beyond = {own: 4.0 * (share if "tilt" in own else 1.0) for own in SUBSETS}
+    with scripted() as patch:
+        patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
+        patch.setattr(Scripted, "_another_pays", lambda _, end: "tilt" not in end)
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
     assert ("tilt" in names_added(found.additions)) is stays
 
