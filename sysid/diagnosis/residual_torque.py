@@ -30,7 +30,7 @@ CORRELATION_TIME = 0.1
 """Correlation time [s] of d where models are compared, and where the largest d that a log could hide is found."""
 WITHOUT_SHARED_ERROR = Settings(shared_error=False)
 """Settings without an error of the angle that neighbouring readings share: all that readings show counts as motion."""
-_FLOOR = np.array([-40.0, -40.0])
+_FLOOR = np.full(3, -40.0)
 _BINS = 24
 _CELLS = (10, 8)
 

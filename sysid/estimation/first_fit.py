@@ -10,7 +10,7 @@ from sysid.estimation.initial_guess import coasting_guess, initial_guesses, limi
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, HORIZON, left_out_errors
-from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error
+from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error, with_smooth_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
@@ -80,8 +80,15 @@ def with_best_memory(found: Fit) -> Fit:
     What a machine lacks is no Gaussian process. Where slow torques and rare jolts (a gear that reverses) are missing, a
     slow random torque is likeliest, with parameters that suit the jolts. Cross-validated predictions over a second show
     which parameters are the machine's: another T is taken if they are better by more than their standard error.
+
+    The angle of a free swing may have a smooth error, too, if that makes the log likelier by more than chance.
     """
     likely = with_likely_shared_error(found)
+    if not (found.samples.driven or found.samples.shared):
+        begins = (likely, with_smooth_error(found))
+        rough, smooth = (fit_parameters(found.samples, found.model, found.names, found, own) for own in begins)
+        if smooth.deviance < rough.deviance - NUMBERS_GAIN:
+            found, likely = smooth, smooth.disturbances
     fits = [
         fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T))
         for T in FIRST_CORRELATION_TIMES

@@ -1,4 +1,4 @@
-"""Kalman filter and smoother of z = (theta, theta_dot, d, o, states of dynamic effects), linearised about a motion.
+"""Kalman filter and smoother of z = (theta, theta_dot, d, o, states of dynamic effects, f, its rate) about a motion.
 
 CasADi runs the recursion of mean and covariance, instant by instant. How innovations respond to changes of the model
 then is one banded triangular system, which LAPACK solves for all changes together.
@@ -31,13 +31,13 @@ SPREAD = (3.0, 30.0)
 class LinearSystem:
     """A linear state-space model of M instants; x is the deviation from the motion that it was linearised about.
 
-        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k o_k (1, 0) + v_k,   v ~ N(0, I)
+        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k + f_k) (1, 0) + v_k,   v ~ N(0, I)
 
     x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
     The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
     readings are in units of the sensor's sd, 0 where nothing was read. o is an error of the channel `shared`: 0, the
-    angle, as written, or 1, the speed; weight (M,) is 1 / sd of its readings. follows (M,) says whether the next
-    instant is of the same record. dt [s]. reach [rad]: a large way for this log.
+    angle, as written, or 1, the speed, and so is f; weight (M,) is 1 / sd of its readings. follows (M,) says whether
+    the next instant is of the same record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array
@@ -52,19 +52,14 @@ class LinearSystem:
     shared: int = 0
 
     @property
-    def size(self) -> int:
-        """The number N of components of z."""
-        return 4 + len(self.inner_sd)
-
-    @property
     def moving(self) -> list[int]:
         """The indices in z of the states that the model moves: theta, theta_dot and those of dynamic effects."""
-        return _moving(self.size)
+        return _moving(len(self.inner_sd))
 
     @property
     def driving(self) -> list[int]:
-        """The indices in z that the next state depends on (all but o), in the order of A's columns."""
-        return _driving(self.size)
+        """The indices in z that the next state depends on (all but the errors), in the order of A's columns."""
+        return _driving(len(self.inner_sd))
 
     def filter(self, disturbances: Disturbances) -> Filter:
         """The Kalman filter under these disturbances."""
@@ -82,19 +77,19 @@ class LinearSystem:
         return columns
 
     def _scan(self, disturbances: Disturbances) -> tuple[Array, Array]:
-        columns, M, N = self._columns, len(self.r), self.size
+        columns, M, inner, smooth = self._columns, len(self.r), len(self.inner_sd), disturbances.sigma_f > 0.0
+        N = 4 + inner + 2 * smooth
         factor, increment, variance = disturbances.discrete(self.dt)
         first = np.zeros(_packed(N) + N)
-        start = [*np.square(np.multiply(SPREAD, self.reach)), *variance, *np.square(self.inner_sd)]
-        first[_diagonal(N)] = start
-        scale = np.concatenate([factor, increment, start])
-        scale[[6, 7]] -= increment
+        start = [*np.square(np.multiply(SPREAD, self.reach)), *variance[:2], *np.square(self.inner_sd), *variance[2:]]
+        first[_diagonal(N)] = start[:N]
+        scale = np.concatenate([factor[_CHANGING], increment[_CHANGING], start[:N]])
         states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
-        coloured = self.shared if disturbances.sigma_o > 0.0 else None
-        steps = _steps(N, own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), coloured)
+        seen = bool(np.any(read[:, 0])), bool(np.any(read[:, 1]))
+        steps = _steps(inner, own_state, seen, self.shared, disturbances.sigma_o > 0.0, smooth)
         buffer, run = steps.buffer()
         buffer.set_arg(2, _view(scale))
         for begin in range(0, len(columns), BLOCK):
@@ -107,12 +102,16 @@ class LinearSystem:
         return states[:M], own[:M]
 
 
-def _moving(N: int) -> list[int]:
-    return [0, 1, *range(4, N)]
+_CHANGING = np.array([0, 1, 2, 2, 3, 3]), np.array([0, 1, 2, 3, 2, 3])
+"""The entries of a transition of (d, o, f, its rate) that are not 0."""
 
 
-def _driving(N: int) -> list[int]:
-    return [0, 1, 2, *range(4, N)]
+def _moving(inner: int) -> list[int]:
+    return [0, 1, *range(4, 4 + inner)]
+
+
+def _driving(inner: int) -> list[int]:
+    return [0, 1, 2, *range(4, 4 + inner)]
 
 
 def _packed(N: int) -> int:
@@ -124,57 +123,65 @@ def _diagonal(N: int) -> list[int]:
     return [_packed(N) - _packed(N - j) for j in range(N)]
 
 
-def _instant(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: int | None) -> casadi.Function:
+def _instant(
+    inner: int, own_state: bool, seen: tuple[bool, bool], shared: int, coloured: bool, smooth: bool
+) -> casadi.Function:
     """One instant of the filter: update by each channel's reading in turn, then predict the next instant.
 
         S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
 
     The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale. The outputs are the next P
     and m; and the gains K, variances S and errors e of the readings. The flags keep zeros out of the graph: whether
-    each channel shows its own state alone, whether theta and theta_dot were read at all, and the channel that o is in.
+    each channel shows its own state alone, whether it was read at all, and whether there are errors o and f of the
+    channel `shared`.
     """
-    n = N - 2
+    n, N = inner + 2, inner + 4 + 2 * smooth
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
-    state, scale = casadi.SX.sym("state", _packed(N) + N), casadi.SX.sym("scale", N + 4)
+    state, scale = casadi.SX.sym("state", _packed(N) + N), casadi.SX.sym("scale", N + 12)
     column = casadi.SX.sym("column", width)
     A, gap, rest = casadi.reshape(column[: n * (n + 1)], n + 1, n).T, column[n * (n + 1) : n * (n + 2)], column[-8:]
     H, r, weight, ends = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
     P, m = casadi.tril2symm(casadi.SX(lower, state[: _packed(N)])), state[_packed(N) :]
-    if coloured is None:
+    if not coloured:
         P[3, :], P[:, 3], m[3] = 0, 0, 0
         P = casadi.sparsify(P)
     gains, variances, errors = list[casadi.SX](), list[casadi.SX](), list[casadi.SX]()
-    for i, read in enumerate((theta, theta_dot)):
+    for i, read in enumerate(seen):
         h, K, S, e = casadi.SX(1, N), casadi.SX.zeros(N), casadi.SX(1), casadi.SX(0)
         if read:
             for j in range(2):
                 if i == j or not own_state:
                     h[j] = H[i, j]
-            if i == coloured:
-                h[3] = weight
+            if i == shared:
+                h[[3] * coloured + [N - 2] * smooth] = weight
             Ph = P @ h.T
             S, e = 1.0 + h @ Ph, r[i] - h @ m
             K = Ph * (1.0 / S)
             m, P = m + K * e, casadi.tril2symm(casadi.tril(P - K @ Ph.T))
         gains, variances, errors = [*gains, K], [*variances, S], [*errors, e]
     F, g = casadi.SX(N, N), casadi.SX(N, 1)
-    F[_moving(N), _driving(N)], g[_moving(N)] = A, gap
-    for row in (2, 3):
-        F[row, row] = scale[row - 2] * (1.0 - ends)
-    m, P = F @ m + g, F @ P @ F.T + casadi.diag(ends * scale[4:])
-    for row in (2, 3):
-        P[row, row] += scale[row]
+    F[_moving(inner), _driving(inner)], g[_moving(inner)] = A, gap
+    Q = casadi.diag(ends * scale[12:])
+    at = [2, 3, N - 2, N - 1] if smooth else [2, 3]
+    for k, (i, j) in enumerate(zip(*_CHANGING, strict=True)):
+        if max(i, j) < len(at):
+            F[at[i], at[j]] = scale[k] * (1.0 - ends)
+            Q[at[i], at[j]] += scale[6 + k] * (1.0 - ends)
+    m, P = F @ m + g, F @ P @ F.T + Q
     after = casadi.vertcat(casadi.project(P, lower).nz[:], casadi.densify(m))
     said = casadi.densify(casadi.vertcat(*gains, *variances, *errors))
     return casadi.Function("instant", [state, column, scale], [after, said], {"cse": True})
 
 
 @cache
-def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: int | None) -> casadi.Function:
+def _steps(
+    inner: int, own_state: bool, seen: tuple[bool, bool], shared: int, coloured: bool, smooth: bool
+) -> casadi.Function:
     """`_instant` over a BLOCK of instants, with its outputs after each. UNROLLED of them share one graph, since a call
     for each would cost as much as the computation itself."""
-    instant = _instant(N, own_state, theta, theta_dot, coloured)
-    (V, W), scale = (instant.size1_in(0), instant.size1_in(1)), casadi.SX.sym("scale", N + 4)
+    instant = _instant(inner, own_state, seen, shared, coloured, smooth)
+    V, W, scales = (instant.size1_in(k) for k in range(3))
+    scale = casadi.SX.sym("scale", scales)
     several, states, owns = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
     for k in range(UNROLLED):
         after, said = instant(states[-1], several[:, k], scale)
@@ -182,7 +189,7 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: int 
         owns.append(said)
     ends, given = [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], [states[0], several, scale]
     unrolled, count = casadi.Function("unrolled", given, ends, {"cse": True}), BLOCK // UNROLLED
-    inputs = [casadi.MX.sym("state", V), casadi.MX.sym("block", W, BLOCK), casadi.MX.sym("scale", N + 4)]
+    inputs = [casadi.MX.sym("state", V), casadi.MX.sym("block", W, BLOCK), casadi.MX.sym("scale", scales)]
     _, after, said = unrolled.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [after, said])
 
@@ -200,6 +207,11 @@ class Filter:
     disturbances: Disturbances
     states: Array
     own: Array
+
+    @property
+    def size(self) -> int:
+        """The number N of components of z; without a smooth error f, its two are not there."""
+        return 4 + len(self.system.inner_sd) + 2 * (self.disturbances.sigma_f > 0.0)
 
     @cached_property
     def variances(self) -> Array:
@@ -231,13 +243,14 @@ class Filter:
         If predicted means change by m and readings by R, then innovations change by W R + W H m, and the next predicted
         mean by m' = Phi m + g - Gamma R.
         """
-        s, own, M, N = self.system, self.own, len(self.own), self.system.size
+        s, own, M, N = self.system, self.own, len(self.own), self.size
+        at = [2, 3, *range(4 + len(s.inner_sd), N)]
         first, second = own[:, :N], own[:, N : 2 * N]
         H = np.zeros((M, 2, N))
-        H[:, :, :2], H[:, s.shared, 3] = s.H, s.weight
+        H[:, :, :2], H[:, s.shared, at[1:3]] = s.H, s.weight[:, None]
         F = np.zeros((M, N, N))
         F[:, np.array(s.moving)[:, None], s.driving] = s.A
-        F[:, [2, 3], [2, 3]] = self.disturbances.discrete(s.dt)[0]
+        F[:, np.array(at)[:, None], at] = self.disturbances.discrete(s.dt)[0][: len(at), : len(at)]
         F *= s.follows[:, None, None]
         after = F - (F @ second[:, :, None]) @ H[:, 1, None, :]
         Phi = after - (after @ first[:, :, None]) @ H[:, 0, None, :]
@@ -265,7 +278,7 @@ class Filter:
     def _response(self, G: Array, R: Array) -> Array:
         """The change (C, M, N) of the predicted means by the changes G and R of `whiten`."""
         _, _, Gamma, band = self._parts
-        M, C, N = len(G), G.shape[2], self.system.size
+        M, C, N = len(G), G.shape[2], self.size
         g = np.zeros((C, M, N))
         if C == 0:
             return g
@@ -279,7 +292,7 @@ class Filter:
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
         """The mean of z (M, N) given all readings, after the model's predictions have changed by G (M, n), R (M, 2)."""
         W, WH, _, band = self._parts
-        M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.system.size) :]
+        M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.size) :]
         if G is not None and R is not None:
             m = self._response(G[:, :, None], R[:, :, None])[0]
             e = e - np.einsum("mij,mj->mi", W, R) - np.einsum("mij,mj->mi", WH, m)
@@ -292,7 +305,7 @@ class Filter:
     @cached_property
     def covariance(self) -> Array:
         """Predicted covariances (M, N, N)."""
-        N = self.system.size
+        N = self.size
         columns, rows = np.triu_indices(N)
         P = np.empty((len(self.states), N, N))
         P[:, rows, columns] = P[:, columns, rows] = self.states[:, : _packed(N)]
@@ -301,13 +314,13 @@ class Filter:
     @property
     def sd(self) -> Array:
         """Predicted sd (M, N) of z."""
-        return np.sqrt(np.maximum(self.states[:, _diagonal(self.system.size)], 0.0))
+        return np.sqrt(np.maximum(self.states[:, _diagonal(self.size)], 0.0))
 
     @cached_property
     def _behind(self) -> tuple[Array, Array]:
         """Phi (M, N, N), and the information I (M, N, N) about z in the readings from each instant on. It is found
         backwards: I = (W H)'(W H) + Phi' I' Phi, where I' belongs to the next instant."""
-        (_, WH, _, band), N = self._parts, self.system.size
+        (_, WH, _, band), N = self._parts, self.size
         own = np.swapaxes(WH, 1, 2) @ WH
         Phi = np.empty((len(WH), N, N))
         for i in range(N):
@@ -330,7 +343,7 @@ class Filter:
 
         For j < k:  cov(z_k, z_j) = (1 - P_k I_k) Phi_(k-1) ... Phi_j P_j
         """
-        P, (Phi, information), N = self.covariance, self._behind, self.system.size
+        P, (Phi, information), N = self.covariance, self._behind, self.size
         left = np.eye(N)[2] - (P @ information)[:, 2]
         carried, variance = np.zeros((N, shares.shape[1])), np.zeros(shares.shape[1])
         for k, share in enumerate(shares):

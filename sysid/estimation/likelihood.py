@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import combinations
 
 import numpy as np
 
@@ -23,33 +24,34 @@ SIGMA_99 = 2.5758
 
 
 def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> Filter:
-    """One Newton step of (log s, log sigma_o) that makes the log likelier about the same motion; `now` if none does.
+    """One Newton step of log (s, sigma_o, sigma_f) that makes the log likelier about the same motion; `now` if none
+    does.
 
     Without `shared_error` only log s moves. Slope and curvature are finite differences over a factor of 1.35, a change
     that a log cannot see; where the curvature is negative, the step follows the slope. A step is at most a factor of e,
     or e^2 if that is better still; then the step of log s is doubled for as long as this helps. Where s hardly matters,
     the deviance grows with s^2, and s = 0 would gain half the slope: if that is little, s = 0 is tried too.
     """
-    h, sizes = 0.3, np.log(np.maximum([now.disturbances.s, now.disturbances.sigma_o], 1e-300))  # below any floor at 0
-    free = [i for i in range(1 + shared_error) if sizes[i] > floor[i]]
+    h, sizes = 0.3, np.log(np.maximum(now.disturbances.sizes, 1e-300))  # below any floor at 0
+    free = [i for i in range(3 if shared_error else 1) if sizes[i] > floor[i]]
     if not free or not math.isfinite(now.deviance):
         return now
 
     def moved(move: Array) -> Filter:
         return now.system.filter(now.disturbances.moved(move))
 
-    here, unit = now.deviance, h * np.eye(2)[free]
+    here, unit = now.deviance, h * np.eye(3)[free]
     trials = [now, *map(moved, unit), *map(moved, -unit)]
     up, down = (np.array([own.deviance for own in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
     slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
     if np.all(slope**2 <= NEGLIGIBLE_GAIN * np.diag(curvature)):
         return now
-    if len(free) == 2:
-        both = (moved(unit[0] + unit[1]).deviance - up[0] - up[1] + here) / h**2
-        curvature[0, 1] = curvature[1, 0] = both
+    for i, j in combinations(range(len(free)), 2):
+        both = (moved(unit[i] + unit[j]).deviance - up[i] - up[j] + here) / h**2
+        curvature[i, j] = curvature[j, i] = both
     size, axes = np.linalg.eigh(curvature)
     along = -(axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
-    move, lowest = np.zeros(2), np.minimum(floor - sizes, 0.0)
+    move, lowest = np.zeros(3), np.minimum(floor - sizes, 0.0)
     move[free] = axes @ np.clip(along, -1.0, 1.0)
     trials.append(moved(np.maximum(move, lowest)))
     if not trials[-1].deviance < here:
@@ -60,14 +62,14 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
             move[0] *= 2.0
             trials.append(moved(np.maximum(2.0 * move, lowest)))
     if free[0] == 0 and 0.0 < slope[0] < 2.0 * IDLE:
-        trials.append(moved(np.array([lowest[0], 0.0])))
+        trials.append(moved(np.array([lowest[0], 0.0, 0.0])))
     return min(trials, key=lambda own: own.deviance)
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], shared_error: bool = True) -> Disturbances:
     """The likeliest of several disturbances about the same motion, after up to three Newton steps of the sizes of each;
     those that are hopeless beside others are given up earlier."""
-    floor, trials = np.array([-40.0, -40.0]), [system.filter(begun) for begun in begins]
+    floor, trials = np.full(3, -40.0), [system.filter(begun) for begun in begins]
     for _ in range(3):
         trials = [likelihood_ascent(own, floor, shared_error) for own in trials]
         best = min(trials, key=lambda own: own.deviance)

@@ -190,7 +190,7 @@ class Motion:
 
     def moved(self, z: Array, spread: Array) -> Motion:
         """The motion after the smoothed deviation z (M, N) is added to it."""
-        return Motion(self.x + z[:, :2], z[:, 2], spread, self.inner + z[:, 4:], self.owners)
+        return Motion(self.x + z[:, :2], z[:, 2], spread, self.inner + z[:, 4 : 4 + self.inner.shape[1]], self.owners)
 
 
 class LinearisedModel:
@@ -249,7 +249,7 @@ class LinearisedModel:
         parameters, P = self.model.parameters, len(names)
         if not P:
             M = len(self.samples)
-            return np.zeros((M, self.system.size - 2, 0)), np.zeros((M, 2, 0))
+            return np.zeros((M, len(self.system.moving), 0)), np.zeros((M, 2, 0))
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
         h = 1e-6 * np.where(low > 0.0, value, np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0)))

@@ -132,25 +132,26 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
     needs that error and no random torque: what is left is the sensor's then, of a film, say. (An error of the speed may
     well be a torque, and in a driven motion what the drive lacks.)
 
-        sd^2 = noise^2 + sigma_o^2 tr((1 - P) C) / tr(1 - P),   C the correlations of the error
+        sd^2 = noise^2 + tr((1 - P) C) / tr(1 - P),   C the covariance of the error
 
     P projects on what the refitted states of windows of that many seconds absorb: nearly all of a slow error. The
     expected error of predictions is 1 in units of the widened noise.
     """
     samples, likely = fit.samples, fit.likeliest_torque
     noise = samples.sensor.theta
-    if samples.driven or samples.shared or noise is None or likely.s or not likely.sigma_o:
+    if samples.driven or samples.shared or noise is None or likely.s or not likely.shared:
         return samples.sensor
-    from scipy.signal import lfilter
+    from scipy.signal import fftconvolve
 
     refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
     weight = refitted.response.weight[:, 0]
     absorbed = refitted.basis.reshape(len(weight), 2, -1, 2)[:, 0] * weight[..., None]
-    kept = math.exp(-samples.dt / likely.T_o)
-    earlier = lfilter([0.0, kept], [1.0, -kept], absorbed, axis=1)
+    lags = samples.dt * np.arange(float(absorbed.shape[1]))
+    variance = likely.shared_variance(lags)
+    spread = fftconvolve(absorbed, variance[None, :, None], axes=1)[:, : len(lags)]
     whole, alone = float(np.sum(weight**2)), float(np.sum(absorbed**2))
-    share = (whole - alone - 2.0 * float(np.sum(absorbed * earlier))) / (whole - alone)
-    return replace(samples.sensor, theta=math.hypot(noise, likely.sigma_o * math.sqrt(max(share, 0.0))))
+    left = variance[0] * (whole + alone) - 2.0 * float(np.sum(absorbed * spread))
+    return replace(samples.sensor, theta=math.sqrt(noise**2 + max(left / (whole - alone), 0.0)))
 
 
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:

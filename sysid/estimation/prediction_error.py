@@ -26,6 +26,8 @@ CHECKED = 0.99
 """Share of a stretch that the jackknife leaves out: with all of it, a number that one stretch alone tells would have no
 interval."""
 
+SHORT = 0.03
+"""Correlation time [s] of an error o beside a smooth one, of which it is not a part."""
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
 
@@ -155,7 +157,7 @@ class Fit:
 
         For both, the sensor's noise is scaled up to the errors: a noise given too small asks for no disturbance.
         """
-        none = replace(self.disturbances, s=0.0, sigma_o=0.0)
+        none = replace(self.disturbances, s=0.0, sigma_o=0.0, sigma_f=0.0)
         read = self.samples.weight > 0.0
         bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
         return bare - here < NUMBERS_GAIN
@@ -188,7 +190,7 @@ class Fit:
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
         if torque.s:
             status = f"{status}; the model lacks something: a random torque acts beside it"
-        elif torque.sigma_o:
+        elif torque.shared:
             channel = ("angle", "speed")[samples.shared]
             status = f"{status}; neighbouring readings of the {channel} share an error beside their noise"
         if lost:
@@ -219,6 +221,20 @@ def with_likely_shared_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1
     begins = [replace(now, sigma_o=now.sigma_o * math.sqrt(T_o / now.T_o), T_o=T_o) for T_o in times]
     if fitted.samples.shared:
         begins += [replace(now, s=0.1 * now.s, sigma_o=now.s * min(now.T, T_o), T_o=T_o) for T_o in times]
+    return maximum_likelihood(fitted.linearised.system, begins)
+
+
+def with_smooth_error(fitted: Fit, times: Sequence[float] = (0.1, 0.3, 1.0)) -> Disturbances:
+    """The fit's disturbances with a smooth error of the angle, of the likeliest correlation time T_f [s] among `times`.
+
+    It begins as large as lets neighbouring readings differ as much as now, in place of most of the random torque, and
+    beside an error o of a short memory.
+    """
+    now, neighbours = fitted.disturbances, np.array([0.0, fitted.samples.dt])
+    short = replace(now, s=0.1 * now.s, sigma_o=now.sigma_o * math.sqrt(SHORT / now.T_o), T_o=SHORT)
+    alone = [Disturbances(0.0, sigma_f=1.0, T_f=T_f) for T_f in times]
+    change, *own = (-float(np.diff(of.shared_variance(neighbours))[0]) for of in (now, *alone))
+    begins = [replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(own, times, strict=True)]
     return maximum_likelihood(fitted.linearised.system, begins)
 
 

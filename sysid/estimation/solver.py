@@ -28,7 +28,7 @@ class Settings:
     settled      a fit has converged after a step shorter than this that changes the deviance by less than `negligible`
     negligible   change of the deviance (-2 log likelihood) that no statistic would notice
     sizes        whether the sizes of the disturbances are fitted; otherwise they stay
-    shared_error whether sigma_o, the size of the readings' shared error, is fitted too
+    shared_error whether sigma_o and sigma_f, the sizes of the readings' shared errors, are fitted too
     vague        prior sd of a number of the plant, as a share of that number: where a random torque explains all, the
                  readings say nothing of an inertia, and it would run away
     torque       prior sd of an effect's torque, as a multiple of the largest torque that the log shows
@@ -40,7 +40,7 @@ class Settings:
                  speed and acceleration as shares of their sizes; wider ones would be the slopes of another machine
     wanders      length of a step below which a fit may go to and fro in the end: a joint that sticks now and then comes
                  to rest at one of the samples, and they are no denser
-    smallest     a disturbance is 0 if smaller than this share of the motion's acceleration (s) or sensor's sd (sigma_o)
+    smallest     a disturbance is 0 if smaller than this share of the motion's acceleration (s) or the sensor's sd
     """
 
     iterations: int = 40
@@ -162,7 +162,7 @@ class _Limits:
     low, high (P,)   bounds of the numbers; positive (P,): which of them may not be 0
     reach (P,)       change of each number beyond which its effect may be far from linear
     widest (3 + q,)  largest half widths of the slopes: [rad], [rad/s], [rad/s^2], and of the states of dynamic effects
-    floor (2,)       log s and log sigma_o below which the disturbances count as 0
+    floor (3,)       logs of s, sigma_o and sigma_f below which the disturbances count as 0
     """
 
     low: Array
@@ -188,7 +188,7 @@ class _Limits:
         reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
         widest = np.array([*np.array(settings.widest) * [samples.reach, typical_speed, size], *model.inner_sd])
-        floor = np.log([settings.smallest * size, settings.smallest * max(_shared_sd(samples), 1e-12)])
+        floor = np.log(settings.smallest * np.array([size, *[max(_shared_sd(samples), 1e-12)] * 2]))
         return cls(low, high, prior.positive, reach, widest, floor)
 
     def within(self, values: Array) -> Array:

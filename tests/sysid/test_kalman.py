@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, expm
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import BLOCK, SPREAD, LinearSystem
@@ -19,6 +20,8 @@ DISTURBANCES = {
     "no o": replace(BOTH, sigma_o=0.0),
     "no d": replace(BOTH, s=0.0),
     "neither": replace(BOTH, s=0.0, sigma_o=0.0),
+    "d, o and f": replace(BOTH, sigma_f=0.6, T_f=0.2),
+    "f alone": Disturbances(0.0, sigma_f=0.6, T_f=0.2),
 }
 READ = ("both channels", "mixed channels", "angle alone", "speed alone", "speed alone, with o", "states inside")
 """What the readings show: each its own state, a mixture, or one channel; or a model with two states of its own. The
@@ -64,22 +67,27 @@ class Dense:
     @classmethod
     def of(cls, given: LinearSystem, disturbances: Disturbances) -> Dense:
         """From the defining equations, z' = F z + gap + w, by one inverse."""
-        M, N = len(given.r), given.size
-        sizes, times = np.array([disturbances.s, disturbances.sigma_o]), np.array([disturbances.T, disturbances.T_o])
-        kept = np.exp(-DT / times)
-        start = np.diag([*np.square(SPREAD), *np.square(sizes), *np.square(given.inner_sd)])
+        M, inner, sd = len(given.r), len(given.inner_sd), disturbances.sigma_f
+        # a process with a double pole at -2 / T_f whose state, scaled so, has equal variances: F by its power series
+        pole, f = 2.0 * DT / disturbances.T_f * np.array([[0.0, 1.0], [-1.0, -2.0]]), [0, 1] if sd else []
+        N = 4 + inner + len(f)
+        at = [2, 3, *range(4 + inner, N)]
+        kept = block_diag(*np.exp(-DT / np.array([disturbances.T, disturbances.T_o])), expm(pole)[np.ix_(f, f)])
+        kept = kept[: len(at), : len(at)]
+        variances = np.square([disturbances.s, disturbances.sigma_o, sd, sd])[: len(at)]
+        start = np.diag([*np.square(SPREAD), *variances[:2], *np.square(given.inner_sd), *variances[2:]])
         F, Q, shift = np.zeros((N * M, N * M)), np.zeros((N * M, N * M)), np.zeros(N * M)
         H = np.zeros((2 * M, N * M))
         for k in range(M):
             own = slice(N * k, N * k + N)
             H[2 * k : 2 * k + 2, own][:, :2] = given.H[k]
-            H[2 * k + given.shared, N * k + 3] = given.weight[k]
+            H[2 * k + given.shared, N * k + np.array(at[1:3])] = given.weight[k]
             if k == 0 or not given.follows[k - 1]:
                 Q[own, own] = start
                 continue
             step = F[own, N * k - N : N * k]
-            step[2:4, 2:4], step[np.ix_(given.moving, given.driving)] = np.diag(kept), given.A[k - 1]
-            Q[own, own][[2, 3], [2, 3]] = np.square(sizes) * (1.0 - kept**2)
+            step[np.ix_(at, at)], step[np.ix_(given.moving, given.driving)] = kept, given.A[k - 1]
+            Q[own, own][np.ix_(at, at)] = np.diag(variances) - kept @ np.diag(variances) @ kept.T
             shift[own][given.moving] = given.gap[k - 1]
         G = np.linalg.inv(np.eye(N * M) - F)
         return cls(N, G @ shift, G @ Q @ G.T, H, given.r.ravel())
@@ -130,7 +138,7 @@ def test_what_is_predicted_is_conditioned_on_what_came_before(disturbances: Dist
         mean, sd, _ = dense.conditioned(slice(0, 2 * k))
         np.testing.assert_allclose(found.sd[k], sd[k], rtol=1e-6, atol=2e-6)
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariance[k])), found.sd[k], rtol=1e-12)
-        np.testing.assert_allclose(found.states[k, 10:], mean[k], rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(found.states[k, -found.size :], mean[k], rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize("read", READ)
@@ -140,7 +148,7 @@ def test_whitened_changes_are_what_the_innovations_lose(disturbances: Disturbanc
     given, C = system(7, (40, 25), read), 3
     rng = np.random.default_rng(8)
     there = np.any(given.H != 0.0, axis=2)
-    G = rng.standard_normal((65, given.size - 2, C)) * given.follows[:, None, None]
+    G = rng.standard_normal((65, len(given.moving), C)) * given.follows[:, None, None]
     R = rng.standard_normal((65, 2, C)) * there[:, :, None]
     before, h = given.filter(disturbances), 1e-3
     whitened = before.whiten(G, R)
@@ -183,5 +191,5 @@ def test_where_the_model_ran_away_no_disturbances_are_likelier_and_some_are_told
     lost = replace(own, gap=np.full_like(own.gap, math.nan))
     filtered = lost.filter(BOTH)
     assert filtered.deviance == math.inf
-    assert likelihood_ascent(filtered, np.array([-40.0, -40.0])) is filtered
+    assert likelihood_ascent(filtered, np.full(3, -40.0)) is filtered
     assert maximum_likelihood(lost, [BOTH, replace(BOTH, T=1.0)]) == BOTH

@@ -11,9 +11,10 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import RK4, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate, write_report
+from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error, widened_sensor
-from sysid.estimation.prediction_error import Fit, with_likely_shared_error
+from sysid.estimation.prediction_error import Fit, with_likely_shared_error, with_smooth_error
 from sysid.estimation.solver import fit_parameters
 from tests.sysid.planted import accelerated
 
@@ -28,6 +29,16 @@ def filmed(seconds: float, T_o: float, seed: int) -> Record:
     swing = simulate(MACHINE, np.zeros(round(seconds / DT)), math.pi + 1.4, 0.0)
     steps = SHARED * math.sqrt(1.0 - kept**2) * rng.standard_normal(len(swing.t))
     error = lfilter([1.0], [1.0, -kept], steps) + NOISE * rng.standard_normal(len(swing.t))
+    return Record(swing.t, swing.u, swing.theta + error)
+
+
+def smoothly_filmed(model: Model, seconds: float, T_f: float, seed: int, size: float = 5e-3) -> Record:
+    """A swing from 80 degrees, and a film's angle of it with a smooth error of the covariance that defines it."""
+    rng, dt = np.random.default_rng(seed), model.dt
+    swing = simulate(model, np.zeros(round(seconds / dt)), math.pi + 1.4, 0.0)
+    a = 2.0 * np.abs(swing.t[:, None] - swing.t) / T_f
+    root = np.linalg.cholesky((1.0 + a) * np.exp(-a) + 1e-9 * np.eye(len(a)))
+    error = size * root @ rng.standard_normal(len(a)) + NOISE * rng.standard_normal(len(a))
     return Record(swing.t, swing.u, swing.theta + error)
 
 
@@ -55,6 +66,44 @@ def test_beside_a_random_torque_or_under_commands_it_is_not() -> None:
     for record, own in ((replace(pushed, u=0.0 * pushed.u), model), (replace(swing, u=swing.u + 1e-9), MACHINE)):
         samples = Samples(own, [record], found.samples.sensor)
         assert widened_sensor(fit_parameters(samples, own, ("G",)), 1.0) == samples.sensor
+
+
+@pytest.mark.parametrize("T_f", [0.1, 0.3, 1.0])
+def test_a_smooth_error_is_told_from_a_random_torque(T_f: float) -> None:
+    """Its size is found, no random torque stands for it, and predictions of a right model err by 1."""
+    found = []
+    for seed in range(3):
+        record = smoothly_filmed(MACHINE, 80.0, T_f, seed)
+        beside = fit_parameters(Samples(MACHINE, [record], Sensor(theta=NOISE)), MACHINE, ("G", "drag.c"))
+        found.append(fit_parameters(beside.samples, MACHINE, beside.names, beside, with_smooth_error(beside)))
+    for own in found:
+        assert own.likeliest_torque.s == 0.0 and own.disturbances.T_f == T_f
+        assert own.disturbances.sigma_f == pytest.approx(5e-3, rel=0.3)
+    errors = [fitted_error(own, 2.0, widened_sensor(own, 2.0)) for own in found]
+    assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.15), errors
+
+
+def test_a_smooth_error_is_a_stationary_process_of_the_covariance_that_defines_it() -> None:
+    """Two steps are one of twice the length, and k steps leave of the variance what the covariance says."""
+    error = Disturbances(0.0, sigma_f=0.4, T_f=0.25)
+    (once, _, start), (twice, grown, _) = error.discrete(0.02), error.discrete(0.04)
+    np.testing.assert_allclose(once @ once, twice, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(twice * start @ twice.T + grown, np.diag(start), rtol=1e-12, atol=1e-15)
+    kept = [np.linalg.matrix_power(once, k)[2, 2] * start[2] for k in range(40)]
+    np.testing.assert_allclose(kept, error.shared_variance(0.02 * np.arange(40)), rtol=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2))
+def test_two_frictions_of_a_swing_are_named_beside_a_smooth_error(seed: int) -> None:
+    """A random torque in its place hides that there are two: one of them stands for both."""
+    plain = Model(HANGING, (), RK4(substeps=2), 0.05)
+    truth = plain.with_effect(effect("viscous", b=1.2e-3)).with_effect(effect("drag", c=2.2e-3))
+    answer = diagnose(plain, [smoothly_filmed(truth, 120.0, 0.3, seed)], parameters=("G",))
+    assert {step.effect for step in answer.steps} == {"viscous", "drag"} and answer.verdict == "missing", answer
+    for name, number in (("viscous.b", 1.2e-3), ("drag.c", 2.2e-3)):
+        assert abs(answer.estimate.values[name] - number) < 4.0 * answer.estimate.sd[name]
+    assert answer.shared_error == pytest.approx(5e-3, rel=0.3) and not answer.contacts
 
 
 @pytest.mark.long
