@@ -196,7 +196,7 @@ class Search:
     def _simulated(self, now: Fit) -> list[Trial]:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
         large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
-        quiet = now.disturbances.moved(np.full(3, math.log(self.settings.quiet)))
+        quiet = now.disturbances.scaled(self.settings.quiet)
         simulated = fit_parameters(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)

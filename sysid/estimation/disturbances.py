@@ -52,10 +52,10 @@ class Disturbances:
         """The sd (3,) of d, o and f."""
         return np.array([self.s, self.sigma_o, self.sigma_f])
 
-    def moved(self, step: Array) -> Disturbances:
-        """The same with all sizes multiplied by exp(step) (3,)."""
-        s, sigma_o, sigma_f = self.sizes * np.exp(step)
-        return replace(self, s=float(s), sigma_o=float(sigma_o), sigma_f=float(sigma_f))
+    def scaled(self, by: Array | float) -> Disturbances:
+        """The same with all sizes multiplied by a number, or each by its own (3,)."""
+        s, sigma_o, sigma_f = (by * self.sizes).tolist()
+        return replace(self, s=s, sigma_o=sigma_o, sigma_f=sigma_f)
 
     def with_memory(self, T: float) -> Disturbances:
         """The same with another correlation time T [s] of d; s is such that d changes as much from sample to sample."""

@@ -38,7 +38,7 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
         return now
 
     def moved(move: Array) -> Filter:
-        return now.system.filter(now.disturbances.moved(move))
+        return now.system.filter(now.disturbances.scaled(np.exp(move)))
 
     here, unit = now.deviance, h * np.eye(3)[free]
     trials = [now, *map(moved, unit), *map(moved, -unit)]
