@@ -130,11 +130,11 @@ def test_the_likelihood_falls_beside_the_found_disturbances(s: float) -> None:
         found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES)
         here = found.filter.deviance
         for move in ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.4, 0.4), (-0.4, 0.4)):
-            beside = found.linearised.system.filter(found.disturbances.moved(np.array(move)))
+            beside = found.linearised.system.filter(found.disturbances.scaled(np.exp([*move, 0.0])))
             assert beside.deviance > here - 0.1, move
         if s > 0.0:  # a size that is there is found, not only not refuted
             for move in (0.5, -0.5):
-                beside = found.linearised.system.filter(found.disturbances.moved(np.array([move, 0.0])))
+                beside = found.linearised.system.filter(found.disturbances.scaled(np.exp([move, 0.0, 0.0])))
                 assert beside.deviance > here + 4.0
 
 
