@@ -83,7 +83,7 @@ class LinearSystem:
         first = np.zeros(_packed(N) + N)
         start = [*np.square(np.multiply(SPREAD, self.reach)), *variance[:2], *np.square(self.inner_sd), *variance[2:]]
         first[_diagonal(N)] = start[:N]
-        scale = np.concatenate([factor[_CHANGING], increment[_CHANGING], start[:N]])
+        scale = np.concatenate([factor[_NONZERO], increment[_NONZERO], start[:N]])
         states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
@@ -102,7 +102,7 @@ class LinearSystem:
         return states[:M], own[:M]
 
 
-_CHANGING = np.array([0, 1, 2, 2, 3, 3]), np.array([0, 1, 2, 3, 2, 3])
+_NONZERO = np.array([0, 1, 2, 2, 3, 3]), np.array([0, 1, 2, 3, 2, 3])
 """The entries of a transition of (d, o, f, its rate) that are not 0."""
 
 
@@ -130,10 +130,10 @@ def _instant(
 
         S = h P h' + 1,  K = P h' / S,  e = r - h m;   m + K e,  P - K S K';   then  F m + g,  F P F' + Q
 
-    The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale. The outputs are the next P
-    and m; and the gains K, variances S and errors e of the readings. The flags keep zeros out of the graph: whether
-    each channel shows its own state alone, whether it was read at all, and whether there are errors o and f of the
-    channel `shared`.
+    The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale: how the disturbances go on,
+    their increments, and the variances at a record's start. The outputs are the next P and m; and the gains K,
+    variances S and errors e of the readings. The flags keep zeros out of the graph: whether each channel shows its own
+    state alone, whether it was read at all, and whether there are errors o and f of the channel `shared`.
     """
     n, N = inner + 2, inner + 4 + 2 * smooth
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
@@ -163,7 +163,7 @@ def _instant(
     F[_moving(inner), _driving(inner)], g[_moving(inner)] = A, gap
     Q = casadi.diag(ends * scale[12:])
     at = [2, 3, N - 2, N - 1] if smooth else [2, 3]
-    for k, (i, j) in enumerate(zip(*_CHANGING, strict=True)):
+    for k, (i, j) in enumerate(zip(*_NONZERO, strict=True)):
         if max(i, j) < len(at):
             F[at[i], at[j]] = scale[k] * (1.0 - ends)
             Q[at[i], at[j]] += scale[6 + k] * (1.0 - ends)
