@@ -38,6 +38,10 @@ RARE = 1.5
 HALVED = 1.0 - math.sqrt(0.5)
 """The share that halves the square of the error beyond the noise: a rare effect that explains less of it is likelier a
 part of something unknown."""
+ZEROS = ("tilt", "angle_offset", "torque_bias")
+"""Effects that move the angle at which a free swing comes to rest."""
+SWOLLEN = 3.0
+"""A zero that is so many times as large beside another one as alone makes up for that."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -164,7 +168,8 @@ class Confirmation:
 
         An addition is needless if it raises the held-out error, or does not lower it by what matters (times its rarity,
         and beside others by as much again; if it is RARE and other effects still promise something, by HALVED); if its
-        size is compatible with 0 or not determined by the readings; or if no machine has its numbers.
+        size is compatible with 0 or not determined by the readings; if no machine has its numbers; or if another makes
+        up for it (`_making_up`).
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
@@ -179,9 +184,26 @@ class Confirmation:
             nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
             nothing.sort(key=lambda a: squared_size(end, a.name))
             nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
+            nothing += [] if nothing else self._making_up(end)
             if not nothing:
                 break
             self.additions = [a for a in self.additions if a is not nothing[0]]
+
+    def _making_up(self, end: Fit) -> list[Addition]:
+        """Of two zeros of a free swing that make up for each other, the one without which less is lost.
+
+        Each moves the angle at which it comes to rest. If one alone is a third as large as beside the other, or less,
+        the two imitate an angle that is not told on one scale.
+        """
+        zeros = [a for a in self.additions if a.name in ZEROS]
+        found: list[tuple[float, Addition]] = []
+        for left in () if end.samples.driven else zeros:
+            fewer, error = self.fit_with([a for a in self.additions if a is not left])
+            kept = [n for a in zeros if a is not left for n in end.model.names_of(a.name)]
+            sizes = [(abs(float(own.model.parameters[n].value)) for own in (end, fewer)) for n in kept]
+            if any(beside > SWOLLEN * alone for beside, alone in sizes):
+                found.append((error.ratio, left))
+        return [min(found, key=lambda own: own[0])[1]] if found else []
 
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
         """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to. If nothing

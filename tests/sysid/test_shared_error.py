@@ -118,3 +118,18 @@ def test_damping_of_a_filmed_swing_is_named_and_nobody_touched_it(seed: int, tmp
     write_report(answer, tmp_path / "report.html")
     assert "It stands for this: neighbouring readings" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert abs(answer.estimate.values["drag.c"] - 4e-4) < 4.0 * answer.estimate.sd["drag.c"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("bent", [0.02, 0.08])
+def test_a_films_perspective_is_no_pair_of_zeros_that_make_up_for_each_other(bent: float) -> None:
+    """The angle is read `bent` a^2 too large. A base that leans, against an offset, bends it alike."""
+    model = Model(GeneralJoint(J=0.1, G=1.735), (effect("viscous", b=6e-4),), RK4(substeps=2), 1.0 / 30.0)
+    swing = simulate(model, np.zeros(1650), math.pi + 0.24, 0.0)
+    a, noise = swing.theta - math.pi, 3e-4 * np.random.default_rng(0).standard_normal(len(swing.t))
+    record = Record(swing.t, swing.u, swing.theta + bent * a**2 + noise)
+    answer = diagnose(model.without_effect("viscous"), [record], parameters=("G",))
+    named = {step.effect for step in (*answer.steps, *answer.conventions)}
+    assert "viscous" in named and named <= {"viscous", "tilt", "torque_bias", "angle_offset"} and len(named) < 3, answer
+    assert answer.estimate.values["viscous.b"] == pytest.approx(6e-4, rel=0.1)
+    assert answer.estimate.values["G"] == pytest.approx(1.735, rel=2e-3)
