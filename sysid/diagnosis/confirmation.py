@@ -196,8 +196,10 @@ class Confirmation:
         the two imitate an angle that is not told on one scale.
         """
         zeros = [a for a in self.additions if a.name in ZEROS]
+        if len(zeros) < 2 or end.samples.driven:
+            return []
         found: list[tuple[float, Addition]] = []
-        for left in () if end.samples.driven else zeros:
+        for left in zeros:
             fewer, error = self.fit_with([a for a in self.additions if a is not left])
             kept = [n for a in zeros if a is not left for n in end.model.names_of(a.name)]
             sizes = [(abs(float(own.model.parameters[n].value)) for own in (end, fewer)) for n in kept]
