@@ -192,8 +192,8 @@ class Confirmation:
     def _making_up(self, end: Fit) -> list[Addition]:
         """Of two zeros of a free swing that make up for each other, the one without which less is lost.
 
-        Each moves the angle at which it comes to rest. If one alone is a third as large as beside the other, or less,
-        the two imitate an angle that is not told on one scale.
+        Each moves the angle at which it comes to rest. If one alone is at most a third as large as beside the other, or
+        has the other sign, the two imitate an angle that is not told on one scale.
         """
         zeros = [a for a in self.additions if a.name in ZEROS]
         if len(zeros) < 2 or end.samples.driven:
@@ -202,8 +202,8 @@ class Confirmation:
         for left in zeros:
             fewer, error = self.fit_with([a for a in self.additions if a is not left])
             kept = [n for a in zeros if a is not left for n in end.model.names_of(a.name)]
-            sizes = [(abs(float(own.model.parameters[n].value)) for own in (end, fewer)) for n in kept]
-            if any(beside > SWOLLEN * alone for beside, alone in sizes):
+            sizes = [(float(own.model.parameters[n].value) for own in (end, fewer)) for n in kept]
+            if any(beside * alone < 0.0 or abs(beside) > SWOLLEN * abs(alone) for beside, alone in sizes):
                 found.append((error.ratio, left))
         return [min(found, key=lambda own: own[0])[1]] if found else []
 
