@@ -38,8 +38,6 @@ RARE = 1.5
 HALVED = 1.0 - math.sqrt(0.5)
 """The share that halves the square of the error beyond the noise: a rare effect that explains less of it is likelier a
 part of something unknown."""
-ZEROS = ("tilt", "angle_offset", "torque_bias")
-"""Effects that move the angle at which a free swing comes to rest."""
 SWOLLEN = 3.0
 """A zero that is so many times as large beside another one as alone makes up for that."""
 NEGLIGIBLE_RISE = 1e-3
@@ -195,7 +193,7 @@ class Confirmation:
         Each moves the angle at which it comes to rest. If one alone is at most a third as large as beside the other, or
         has the other sign, the two imitate an angle that is not told on one scale.
         """
-        zeros = [a for a in self.additions if a.name in ZEROS]
+        zeros = [a for a in self.additions if CATALOGUE[a.name].moves_rest]
         if len(zeros) < 2 or end.samples.driven:
             return []
         found: list[tuple[float, Addition]] = []

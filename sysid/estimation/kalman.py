@@ -78,7 +78,7 @@ class LinearSystem:
 
     def _scan(self, disturbances: Disturbances) -> tuple[Array, Array]:
         columns, M, inner, smooth = self._columns, len(self.r), len(self.inner_sd), disturbances.sigma_f > 0.0
-        N = 4 + inner + 2 * smooth
+        N = _size(inner, smooth)
         factor, increment, variance = disturbances.discrete(self.dt)
         first = np.zeros(_packed(N) + N)
         start = [*np.square(np.multiply(SPREAD, self.reach)), *variance[:2], *np.square(self.inner_sd), *variance[2:]]
@@ -114,6 +114,14 @@ def _driving(inner: int) -> list[int]:
     return [0, 1, 2, *range(4, 4 + inner)]
 
 
+def _disturbing(inner: int, smooth: bool) -> list[int]:
+    return [2, 3, *range(4 + inner, _size(inner, smooth))]
+
+
+def _size(inner: int, smooth: bool) -> int:
+    return 4 + inner + 2 * smooth
+
+
 def _packed(N: int) -> int:
     """The number of entries in the lower triangle of an (N, N) matrix; they are stored column by column."""
     return N * (N + 1) // 2
@@ -135,7 +143,7 @@ def _instant(
     variances S and errors e of the readings. The flags keep zeros out of the graph: whether each channel shows its own
     state alone, whether it was read at all, and whether there are errors o and f of the channel `shared`.
     """
-    n, N = inner + 2, inner + 4 + 2 * smooth
+    n, N = inner + 2, _size(inner, smooth)
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
     state, scale = casadi.SX.sym("state", _packed(N) + N), casadi.SX.sym("scale", N + 12)
     column = casadi.SX.sym("column", width)
@@ -162,7 +170,7 @@ def _instant(
     F, g = casadi.SX(N, N), casadi.SX(N, 1)
     F[_moving(inner), _driving(inner)], g[_moving(inner)] = A, gap
     Q = casadi.diag(ends * scale[12:])
-    at = [2, 3, N - 2, N - 1] if smooth else [2, 3]
+    at = _disturbing(inner, smooth)
     for k, (i, j) in enumerate(zip(*_NONZERO, strict=True)):
         if max(i, j) < len(at):
             F[at[i], at[j]] = scale[k] * (1.0 - ends)
@@ -211,7 +219,7 @@ class Filter:
     @property
     def size(self) -> int:
         """The number N of components of z; without a smooth error f, its two are not there."""
-        return 4 + len(self.system.inner_sd) + 2 * (self.disturbances.sigma_f > 0.0)
+        return _size(len(self.system.inner_sd), self.disturbances.sigma_f > 0.0)
 
     @cached_property
     def variances(self) -> Array:
@@ -244,7 +252,7 @@ class Filter:
         mean by m' = Phi m + g - Gamma R.
         """
         s, own, M, N = self.system, self.own, len(self.own), self.size
-        at = [2, 3, *range(4 + len(s.inner_sd), N)]
+        at = _disturbing(len(s.inner_sd), self.disturbances.sigma_f > 0.0)
         first, second = own[:, :N], own[:, N : 2 * N]
         H = np.zeros((M, 2, N))
         H[:, :, :2], H[:, s.shared, at[1:3]] = s.H, s.weight[:, None]

@@ -29,6 +29,7 @@ class TorqueBias(JointEffect):
     begins: ClassVar[Mapping[str, float]] = {"tau_0": 0.0}
     rarity = 1.0
     imitates = "theta"
+    moves_rest = True
     formula = "tau = tau_0"
     confused = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)

@@ -114,6 +114,8 @@ class Effect(Parametric):
         -log of its prior odds, against friction, which is in every joint.
     imitates : str
         The quantity ("theta", ...) of which alone it is a function, and so a part of any other function of it.
+    moves_rest : bool
+        Whether it is a zero: all it does to a swing of small angles is to move where that comes to rest.
     refines : tuple of tuples of str
         Simpler effects, alone or together, that explain most of what it does: it has to beat each.
     contains : tuple of str
@@ -143,6 +145,7 @@ class Effect(Parametric):
     of_log: ClassVar[bool] = False
     rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = ""
+    moves_rest: ClassVar[bool] = False
     refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     precedence: ClassVar[int] = 0

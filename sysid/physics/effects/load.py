@@ -85,6 +85,7 @@ class Tilt(JointEffect):
     precedence = 3
     rarity = 1.0
     imitates = "theta"
+    moves_rest = True
     formula = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
     confused = ("angle_offset", "torque_bias", "eccentricity")
     alpha: Value = parameter(0.0, unit="rad", bounds=(-math.pi, math.pi), neutral=0.0)

@@ -21,6 +21,7 @@ class AngleOffset(OutputEffect):
     label = "an offset of the angle readings"
     rarity = 1.0
     imitates = "theta"
+    moves_rest = True
     formula = "reading = theta + offset"
     confused = ("tilt", "torque_bias", "eccentricity")
     offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
