@@ -40,6 +40,9 @@ HALVED = 1.0 - math.sqrt(0.5)
 part of something unknown."""
 SWOLLEN = 3.0
 """A zero that is so many times as large beside another one as alone makes up for that."""
+FARTHER, ANOTHER = 1.5, 1.5
+"""A model leaves far more torque missing than friction along the motion if it is so many times as much, and has quite
+another inertia than the torque shows if one is so many times the other."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -307,15 +310,20 @@ class Confirmation:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has, or no inertia shows and they leave more missing than friction and load do.
+        missing than the drive has; or more than friction and load do, and no inertia shows; or FARTHER times as much,
+        and there is none of them or the inertia beside them is quite ANOTHER.
         """
         found = self._friction_along()
         if found is None:
             return
         end, error = self.fit_with(self.additions)
         torque = self.torque(end)
-        better = torque.after**2 > (1.0 - found.share) * torque.drive**2 and not found.shows_inertia
-        if (torque.overwhelms or better) and self.remaining(end, error, torque) is not None:
+        farther = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
+        worse = farther > 1.0
+        if found.shows_inertia:
+            another = abs(math.log(end.inertia / found.inertia[0])) > math.log(ANOTHER)
+            worse = farther > FARTHER and (another or not self.additions) and not error.ratio < 1.0
+        if (torque.overwhelms or worse) and self.remaining(end, error, torque) is not None:
             self.friction, self.additions, self.unconfirmed = found, [], []
 
     def _friction_along(self) -> FrictionAlong | None:

@@ -87,7 +87,7 @@ def with_best_memory(found: Fit) -> Fit:
     if not (found.samples.driven or found.samples.shared):
         begins = (likely, with_smooth_error(found))
         rough, smooth = (fit_parameters(found.samples, found.model, found.names, found, own) for own in begins)
-        if smooth.deviance < rough.deviance - NUMBERS_GAIN:
+        if smooth.deviance < rough.deviance - NUMBERS_GAIN and smooth.errs_by_little:
             found, likely = smooth, smooth.disturbances
     fits = [
         fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T))

@@ -129,8 +129,8 @@ def fitted_error(fit: Fit, seconds: float, sensor: Sensor) -> float:
 
 def widened_sensor(fit: Fit, seconds: float) -> Sensor:
     """The sensor, with the angle's noise widened by the error that its neighbouring readings share, if a free swing
-    needs that error and no random torque: what is left is the sensor's then, of a film, say. (An error of the speed may
-    well be a torque, and in a driven motion what the drive lacks.)
+    needs that error, a small one, and no random torque: what is left is the sensor's then, of a film, say. (An error of
+    the speed may well be a torque, and in a driven motion what the drive lacks.)
 
         sd^2 = noise^2 + tr((1 - P) C) / tr(1 - P),   C the covariance of the error
 
@@ -139,7 +139,7 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
     """
     samples, likely = fit.samples, fit.likeliest_torque
     noise = samples.sensor.theta
-    if samples.driven or samples.shared or noise is None or likely.s or not likely.shared:
+    if samples.driven or samples.shared or noise is None or likely.s or not likely.shared or not fit.errs_by_little:
         return samples.sensor
     from scipy.signal import fftconvolve
 

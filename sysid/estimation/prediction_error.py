@@ -28,6 +28,8 @@ interval."""
 
 SHORT = 0.03
 """Correlation time [s] of an error o beside a smooth one, of which it is not a part."""
+LARGEST_ERROR = 0.1
+"""Share of the motion's standard deviation that an error of its readings does not reach."""
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
 
@@ -161,6 +163,13 @@ class Fit:
         read = self.samples.weight > 0.0
         bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
         return bare - here < NUMBERS_GAIN
+
+    @property
+    def errs_by_little(self) -> bool:
+        """Whether the error that neighbouring readings share is much smaller than the motion. A larger one stands for a
+        motion that the model lacks."""
+        motion = float(np.std(self.samples.smoothed[:, self.samples.shared]))
+        return float(self.disturbances.shared_variance(np.zeros(1))[0]) < (LARGEST_ERROR * motion) ** 2
 
     @cached_property
     def likeliest_torque(self) -> Disturbances:

@@ -30,10 +30,10 @@ def _torque(after: float, drive: float = 10.0) -> MissingTorque:
     return MissingTorque(drive, 1.0, after)
 
 
-class Base(tuple[str, ...]):
-    """The base of a script: no additions, and samples whose speeds share no error."""
+class Named(tuple[str, ...]):
+    """A fit of a script: the names of its additions, its inertia, and samples whose speeds share no error."""
 
-    samples = SimpleNamespace(shared=0)
+    samples, inertia = SimpleNamespace(shared=0), 1.0
 
 
 class Scripted(Confirmation):
@@ -45,13 +45,13 @@ class Scripted(Confirmation):
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
         sensor = Sensor(theta=1.0)
         search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=(), sensor=sensor)
-        super().__init__(search, cast(Any, Base()), (), (), sensor)
+        super().__init__(search, cast(Any, Named()), (), (), sensor)
 
     def error(self, fit: Any) -> Any:
         return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
 
     def fit_with(self, additions: Sequence[Any]) -> Any:
-        return names_added(additions), self.error(names_added(additions))
+        return Named(names_added(additions)), self.error(names_added(additions))
 
     def torque(self, end: Any) -> Any:
         return _torque(1.0)
@@ -112,7 +112,7 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
     fewer = {own: 10.0 * (0.9 if "coulomb" in own else 1.0) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(Base, "samples", SimpleNamespace(shared=1))
+        patch.setattr(Named, "samples", SimpleNamespace(shared=1))
         patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
     assert names_added(found.additions) == ("coulomb",)
@@ -183,7 +183,7 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     assert names_added(found.additions) == (kept,)
 
 
-SEEN, UNSEEN = (0.1, 0.01), (0.01, 0.01)
+SEEN, ANOTHER, UNSEEN = (1.2, 0.01), (0.1, 0.01), (0.01, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -191,8 +191,10 @@ SEEN, UNSEEN = (0.1, 0.01), (0.01, 0.01)
     [
         (0.5, True, SEEN, True),
         (0.5, False, SEEN, False),
-        (3.0, True, SEEN, False),
-        (3.0, True, UNSEEN, True),
+        (2.0, True, ANOTHER, True),
+        (2.0, True, SEEN, False),
+        (3.1, True, ANOTHER, False),
+        (3.1, True, UNSEEN, True),
         (10.0, True, UNSEEN, False),
     ],
 )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sysid import RK4, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate, write_report
+from sysid import RK4, GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose, effect, simulate, write_report
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error, widened_sensor
@@ -91,6 +91,18 @@ def test_a_smooth_error_is_a_stationary_process_of_the_covariance_that_defines_i
     np.testing.assert_allclose(twice * start @ twice.T + grown, np.diag(start), rtol=1e-12, atol=1e-15)
     kept = [np.linalg.matrix_power(once, k)[2, 2] * start[2] for k in range(40)]
     np.testing.assert_allclose(kept, error.shared_variance(0.02 * np.arange(40)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_motion_that_the_model_lacks_is_no_error_of_its_readings(seed: int) -> None:
+    """A mass swings on a spring, and the model has none: an error as large as the motion would explain all of it."""
+    rng, free = np.random.default_rng(seed), Model(LinearAxis(m=1.0), (), RK4(substeps=2), 0.02)
+    spring = free.with_effect(effect("spring", k=110.0)).with_effect(effect("viscous", b=0.17))
+    swing = simulate(spring, np.zeros(1000), 0.05, 0.0)
+    rough = lfilter([1.0], [1.0, -0.8], 3e-3 * rng.standard_normal(len(swing.t)))
+    answer = diagnose(free, [Record(swing.t, swing.u, swing.theta + rough)], effects=("spring", "viscous"))
+    assert "spring" in {step.effect for step in answer.steps}, answer
+    assert answer.estimate.values["spring.k"] == pytest.approx(110.0, rel=0.1)
 
 
 @pytest.mark.long
