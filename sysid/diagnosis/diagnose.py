@@ -170,15 +170,26 @@ def _best_search(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, Fit]:
     """Search from each first fit, and keep the search whose final fit predicts left-out stretches best. Returned are
-    this search, its base fit and its final fit. If speeds alone were read and something remains, the search runs again
-    with readings that share an error."""
-    found: list[tuple[Search, Fit, Fit]] = []
-    for speeds_share in (False, True):
-        samples = Samples(model, records, search_in(records).sensor, speeds_share)
-        if speeds_share and (not samples.shared or any(end.undisturbed for *_, end in found)):
-            break
-        begun = first_fits(samples, model, names)
-        found += [(own, *own.run(model, names, helped)) for helped in begun for own in [search_in(records)]]
+    this search, its base fit and its final fit. If speeds alone were read and something remains, one search more runs
+    with readings that share an error. It begins at the first fit whose inertia is nearest to that of the best end."""
+
+    def from_first(helped: Fit) -> tuple[Search, Fit, Fit]:
+        search = search_in(records)
+        return (search, *search.run(model, names, helped))
+
+    sensor = search_in(records).sensor
+    found = [from_first(helped) for helped in first_fits(Samples(model, records, sensor), model, names)]
+    best = _best_predicting(found)
+    sharing = Samples(model, records, sensor, speeds_share=True)
+    if not sharing.shared or any(end.undisturbed for *_, end in found):
+        return best
+    inertia = best[-1].inertia
+    nearest = min(first_fits(sharing, model, names), key=lambda own: abs(math.log(own.inertia / inertia)))
+    return _best_predicting([best, from_first(nearest)])
+
+
+def _best_predicting(found: Sequence[tuple[Search, Fit, Fit]]) -> tuple[Search, Fit, Fit]:
+    """That of several searches whose final fit predicts left-out stretches best."""
     if len(found) == 1:
         return found[0]
     lead = max(lead_of(end.model) for _, _, end in found)
