@@ -311,7 +311,7 @@ class Confirmation:
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
         missing than the drive has; or more than friction and load do, and no inertia shows; or FARTHER times as much,
-        and there is none of them or the inertia beside them is quite ANOTHER.
+        predictions err beyond the noise, and there are no additions or the inertia beside them is quite ANOTHER.
         """
         found = self._friction_along()
         if found is None:
