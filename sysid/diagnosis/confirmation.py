@@ -26,7 +26,8 @@ from sysid.estimation.refits import extended, settled
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
-from sysid.physics.effects import CATALOGUE
+from sysid.physics.effects import CATALOGUE, DryFriction
+from sysid.physics.effects.friction import Coulomb
 from sysid.physics.ops import Array
 
 LARGEST_NOISE = 10.0
@@ -311,7 +312,8 @@ class Confirmation:
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
         missing than the drive has; or more than friction and load do, and no inertia shows; or FARTHER times as much,
-        predictions err beyond the noise, and there are no additions or the inertia beside them is quite ANOTHER.
+        predictions err beyond the noise, and there are no additions, or they lack the dry friction that shows, or the
+        inertia beside them is quite ANOTHER.
         """
         found = self._friction_along()
         if found is None:
@@ -322,9 +324,15 @@ class Confirmation:
         worse = farther > 1.0
         if found.shows_inertia:
             another = abs(math.log(end.inertia / found.inertia[0])) > math.log(ANOTHER)
-            worse = farther > FARTHER and (another or not self.additions) and not error.ratio < 1.0
+            lacking = found.shows_dry_friction and not self._is_dry(end)
+            worse = farther > FARTHER and (another or lacking or not self.additions) and not error.ratio < 1.0
         if (torque.overwhelms or worse) and self.remaining(end, error, torque) is not None:
             self.friction, self.additions, self.unconfirmed = found, [], []
+
+    @staticmethod
+    def _is_dry(end: Fit) -> bool:
+        """Whether a model has a dry friction of any kind."""
+        return any(isinstance(e, DryFriction) or Coulomb.name in e.contains for e in end.model.effects)
 
     def _friction_along(self) -> FrictionAlong | None:
         search = self.search

@@ -171,6 +171,12 @@ class FrictionAlong:
     one_speed: bool = False
 
     @property
+    def shows_dry_friction(self) -> bool:
+        """Whether there is surely a dry friction, which is neither a load nor a viscous one."""
+        value, sd = self.coulomb
+        return value > SURE_COEFFICIENT * sd and not (self.one_way or self.one_speed)
+
+    @property
     def shows_inertia(self) -> bool:
         """Whether the torque surely changes with the acceleration."""
         value, sd = self.inertia

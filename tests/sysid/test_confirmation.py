@@ -59,6 +59,10 @@ class Scripted(Confirmation):
     def _friction_along(self) -> FrictionAlong | None:
         return None
 
+    @staticmethod
+    def _is_dry(end: Any) -> bool:
+        return "coulomb" in end
+
     def _remains(self, end: Any) -> bool:
         return True
 

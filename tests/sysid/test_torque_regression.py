@@ -159,6 +159,29 @@ def test_no_limit_that_cuts_off_a_drive_stands_for_a_controller(seed: int) -> No
     assert friction == pytest.approx(0.3, rel=0.05)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seed", (0, 1, 2, 6))
+def test_the_frictions_of_a_heavy_arm_that_is_led_slowly_are_told_whatever_predicts_its_path(seed: int) -> None:
+    """For a second, its path goes on as it does, for a friction or an inertia that is far too large."""
+    rng, dt = np.random.default_rng(seed), 0.01
+    t, edges, speeds = dt * np.arange(801), np.array([0.0, 3.0, 4.0, 5.2, 8.1]), np.array([0.5, -0.3, 0.65, -0.6])
+    leg = np.searchsorted(edges, t, side="right") - 1
+    speed = speeds[leg] * np.clip(np.minimum(t - edges[leg], edges[leg + 1] - t) / 0.3, 0.0, 1.0)
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * dt * (speed[1:] + speed[:-1]))]) - 0.9
+    slow = np.convolve(rng.standard_normal(len(t) + 30), np.hanning(31), "valid")
+    torque = 18.0 * np.gradient(speed, dt) - 140.0 * np.sin(theta) + 20.0 * speed + 20.0 * np.sign(speed)
+    torque += 3.0 * slow / np.std(slow)
+    record = Record(t, torque[:-1], theta + 7e-5 * rng.standard_normal(len(t)), name="led")
+    answer = diagnose(Model(JOINT, dt=dt), [record], Sensor(theta=7e-5))
+    if answer.friction is None:
+        values, sd = answer.estimate.values, answer.estimate.sd
+        found = [(values[name], sd[name]) for name in ("viscous.b", "coulomb.tau_c")]
+    else:
+        found = [answer.friction.viscous, answer.friction.coulomb]
+    for value, error in found:
+        assert abs(value - 20.0) < 3.0 * error + 1.0, answer
+
+
 def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> None:
     """A record that rests throughout is slow beside the others, however its own noise moves."""
     fitted, seen = (followed(0.002, B, TAU_C, 0.03, seed=seed) for seed in (0, 1))
