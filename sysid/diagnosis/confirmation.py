@@ -26,8 +26,7 @@ from sysid.estimation.refits import extended, settled
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
-from sysid.physics.effects import CATALOGUE, DryFriction
-from sysid.physics.effects.friction import Coulomb
+from sysid.physics.effects import CATALOGUE
 from sysid.physics.ops import Array
 
 LARGEST_NOISE = 10.0
@@ -311,28 +310,30 @@ class Confirmation:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has; or more than friction and load do, and no inertia shows; or FARTHER times as much,
-        predictions err beyond the noise, and there are no additions, or they lack the dry friction that shows, or the
-        inertia beside them is quite ANOTHER.
+        missing than the drive has, or too much beside what friction and load leave (`_leaves_more`).
         """
         found = self._friction_along()
         if found is None:
             return
         end, error = self.fit_with(self.additions)
         torque = self.torque(end)
-        farther = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
-        worse = farther > 1.0
-        if found.shows_inertia:
-            another = abs(math.log(end.inertia / found.inertia[0])) > math.log(ANOTHER)
-            lacking = found.shows_dry_friction and not self._is_dry(end)
-            worse = farther > FARTHER and (another or lacking or not self.additions) and not error.ratio < 1.0
-        if (torque.overwhelms or worse) and self.remaining(end, error, torque) is not None:
+        if not (torque.overwhelms or self._leaves_more(found, end, error, torque)):
+            return
+        if self.remaining(end, error, torque) is not None:
             self.friction, self.additions, self.unconfirmed = found, [], []
 
-    @staticmethod
-    def _is_dry(end: Fit) -> bool:
-        """Whether a model has a dry friction of any kind."""
-        return any(isinstance(e, DryFriction) or Coulomb.name in e.contains for e in end.model.effects)
+    def _leaves_more(self, found: FrictionAlong, end: Fit, error: HeldOutError, torque: MissingTorque) -> bool:
+        """Whether the additions leave more torque missing than friction along the motion does, and no inertia shows.
+        If one shows, they have to leave FARTHER times as much, and predictions to err beyond the noise; and there are
+        no additions, or they lack the dry friction that shows, or the inertia beside them is quite ANOTHER."""
+        farther = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
+        if not found.shows_inertia:
+            return farther > 1.0
+        if farther <= FARTHER or error.ratio < 1.0:
+            return False
+        another = abs(math.log(end.inertia / found.inertia[0])) > math.log(ANOTHER)
+        lacking = found.shows_dry_friction and not any(e.is_dry for e in end.model.effects)
+        return another or lacking or not self.additions
 
     def _friction_along(self) -> FrictionAlong | None:
         search = self.search

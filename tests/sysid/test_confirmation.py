@@ -31,9 +31,10 @@ def _torque(after: float, drive: float = 10.0) -> MissingTorque:
 
 
 class Named(tuple[str, ...]):
-    """A fit of a script: the names of its additions, its inertia, and samples whose speeds share no error."""
+    """A fit of a script: the names of its additions, an inertia, dry friction, and speeds that share no error."""
 
     samples, inertia = SimpleNamespace(shared=0), 1.0
+    model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True),))
 
 
 class Scripted(Confirmation):
@@ -58,10 +59,6 @@ class Scripted(Confirmation):
 
     def _friction_along(self) -> FrictionAlong | None:
         return None
-
-    @staticmethod
-    def _is_dry(end: Any) -> bool:
-        return "coulomb" in end
 
     def _remains(self, end: Any) -> bool:
         return True
@@ -197,8 +194,8 @@ SEEN, ANOTHER, UNSEEN = (1.2, 0.01), (0.1, 0.01), (0.01, 0.01)
         (0.5, False, SEEN, False),
         (2.0, True, ANOTHER, True),
         (2.0, True, SEEN, False),
-        (3.1, True, ANOTHER, False),
-        (3.1, True, UNSEEN, True),
+        (3.0, True, ANOTHER, False),
+        (3.0, True, UNSEEN, True),
         (10.0, True, UNSEEN, False),
     ],
 )

@@ -116,6 +116,8 @@ class Effect(Parametric):
         The quantity ("theta", ...) of which alone it is a function, and so a part of any other function of it.
     moves_rest : bool
         Whether it is a zero: all it does to a swing of small angles is to move where that comes to rest.
+    is_dry : bool
+        Whether it is a dry friction: a joint at rest moves only under a torque of some size.
     refines : tuple of tuples of str
         Simpler effects, alone or together, that explain most of what it does: it has to beat each.
     contains : tuple of str
@@ -146,6 +148,7 @@ class Effect(Parametric):
     rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = ""
     moves_rest: ClassVar[bool] = False
+    is_dry: ClassVar[bool] = False
     refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     precedence: ClassVar[int] = 0
@@ -415,6 +418,8 @@ class DryFriction(Effect):
     -----
     The integrator (`sysid.physics.integrators`) resolves it such that the joint really sticks, in every back end.
     """
+
+    is_dry = True
 
     @abstractmethod
     def limits(self, joint: Joint) -> tuple[Value, Value]:

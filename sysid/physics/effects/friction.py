@@ -181,6 +181,7 @@ class Dahl(DynamicEffect):
 
     label = "dry friction that gives like a spring before it slides"
     rarity = 2.5
+    is_dry = True
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     contains: ClassVar[tuple[str, ...]] = ("coulomb",)
