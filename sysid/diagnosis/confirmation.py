@@ -215,7 +215,7 @@ class Confirmation:
         (left,) = (a for a in self.additions if a not in fewer)
         poorer, its_error = self.fit_with(fewer)
         without, least = its_error.ratio, self.search.settings.tolerance
-        rarity = CATALOGUE[left.name].rarity
+        rarity = self._rarity(left.name)
         if rarity < RARE:
             enough = is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
         elif self.widened and not self._remains(poorer):
@@ -229,6 +229,12 @@ class Confirmation:
         if rarity >= RARE and not self._another_pays(end):
             return False
         return self._remains(end) or not self._remains(poorer)
+
+    def _rarity(self, name: str) -> float:
+        """The rarity of an addition. Beside one that contains it, it is as rare as that: a machine with a dry friction
+        that gives has a second, stiff one more seldom."""
+        containing = (a.name for a in self.additions if name in CATALOGUE[a.name].contains)
+        return max(CATALOGUE[own].rarity for own in (name, *containing))
 
     def _another_pays(self, end: Fit) -> bool:
         """Whether another effect of the catalogue is expected to pay. If none is, what remains looks random beside this

@@ -150,6 +150,15 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
     assert ("tilt" in names_added(found.additions)) is stays
 
 
+@pytest.mark.parametrize(("share", "stays"), [(0.75, False), (0.65, True)])
+def test_beside_a_friction_that_gives_a_stiff_one_is_rare_too(share: float, stays: bool) -> None:
+    beyond = {own: 8.0 * (0.1 if "tilt" in own else 1.0) * (share if "coulomb" in own else 1.0) for own in SUBSETS}
+    with scripted() as patch:
+        patch.setattr(confirmation, "CATALOGUE", {**CATALOGUE, "tilt": CATALOGUE["dahl"]})
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    assert names_added(found.additions) == (("coulomb", "tilt") if stays else ("tilt",))
+
+
 @pytest.mark.parametrize(("share", "stays"), [(1.01, False), (0.99, True)])
 def test_beside_what_no_other_effect_explains_a_rare_effect_need_only_not_raise_the_error(
     share: float, stays: bool
