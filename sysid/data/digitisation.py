@@ -15,12 +15,12 @@ from sysid.physics.ops import Array
 
 CANDIDATES = (0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)
 """Quantiles of the changes between readings that are tried as quantisation step, the largest first."""
-SHORTEST_HOLD = 3
-"""Rows that a reading must be held for: twice the same reading is common where two clocks meet."""
 FEWEST_JUMPS = 20
 """Jumps from which a holding is inferred, at least."""
+REPEATED = 0.75
+"""Share of all jumps before which a reading must have stood for two rows or more: where two clocks meet, some do."""
 REGULAR = 0.85
-"""Share of all jumps that must come at the sensor's interval."""
+"""Share of all jumps that must come at the sensor's interval, if readings are not rounded to steps."""
 SMALLEST_JUMP = 2.5
 """A jump is a change by more quantisation steps: at such a speed a fresh sensor changes in every row."""
 
@@ -51,9 +51,9 @@ def quantisation_step(series: Sequence[Array]) -> float:
 def holding(series: Iterable[Array]) -> float:
     """For how many rows each reading of a channel (K,), one array for each rollout, is held; 4.5 if 4 and 5 take turns.
 
-    A slowly moving encoder repeats its readings too, but after rests of any length, and then it changes by one step.
-    Held readings change by many steps, always after the same number of rows. A channel is therefore held if most jumps
-    of more than 2.5 steps come after the same number of rows, 3 or more; otherwise the answer is 1: all are fresh.
+    A slowly moving encoder repeats its readings too, but then it changes by one step. A channel is therefore held if
+    most jumps of more than 2.5 steps come after two rows or more; otherwise the answer is 1: all are fresh. If no step
+    is found, they have to come after the same number of rows, too, as a slow encoder's do not.
     """
     series = [values for values in series if len(values) > 2]
     if not series:
@@ -64,13 +64,14 @@ def holding(series: Iterable[Array]) -> float:
         rests.append(np.diff(change))
         jumps.append(np.abs(values[change[1:]] - values[change[1:] - 1]))
         readings.append(values[np.append(0, change)])
-    length = np.concatenate(rests)[np.concatenate(jumps) > SMALLEST_JUMP * quantisation_step(readings)]
-    if len(length) < FEWEST_JUMPS:
+    step = quantisation_step(readings)
+    length = np.concatenate(rests)[np.concatenate(jumps) > SMALLEST_JUMP * step]
+    if len(length) < FEWEST_JUMPS or float(np.mean(length > 1)) < REPEATED:
         return 1.0
     typical = float(np.median(length))
     regular = np.abs(length - typical) <= max(1.0, 0.1 * typical)
-    if typical < SHORTEST_HOLD or float(np.mean(regular)) < REGULAR:
-        return 1.0
+    if float(np.mean(regular)) < REGULAR:
+        return typical if step > 0.0 else 1.0
     return float(np.mean(length[regular]))
 
 

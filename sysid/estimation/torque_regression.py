@@ -199,8 +199,9 @@ def friction_along(
     columns, torque = _of_the_torque(model, motion, motion, one_way)
     found = regression(columns, torque)
     one_speed = _is_at_one_speed(motion) or not _shows_friction(found)
-    if one_speed:
-        columns[:, 0] = 0.0
+    drives = found.value[1] < 0.0 and not one_way  # no dry friction does; a sum with a load may
+    if one_speed or drives:
+        columns[:, 0 if one_speed else 1] = 0.0
         found = regression(columns, torque)
     level = regression(motion.columns[:, 4:], torque).value
     columns, torque = _of_the_torque(model, unseen_motion, motion, one_way)

@@ -28,9 +28,9 @@ def record():
     return rollouts(model=FAST, seconds=8.0)[0]
 
 
-@pytest.mark.parametrize("rows", [4, 4.5, 10, 25, 45])
+@pytest.mark.parametrize("rows", [2, 2.5, 4, 4.5, 10, 25, 45])
 def test_held_readings_are_noticed_and_the_fresh_ones_kept(rows, record, tmp_path):
-    log = read(write(tmp_path / "log.csv", held(table(record), rows)))
+    log = read(write(tmp_path / "log.csv", held(table(record), rows)), thin=False)
     note = next(note for note in log.notes if "is held for" in note)
     assert f"theta is held for {rows:.3g} rows each" in note and "logged at 500 Hz" in note
     assert log.dt == pytest.approx(0.002 * rows, rel=0.01)
@@ -38,6 +38,21 @@ def test_held_readings_are_noticed_and_the_fresh_ones_kept(rows, record, tmp_pat
         n = len(log[0])
         np.testing.assert_allclose(log[0].theta, record.theta[:: int(rows)][: n + 1], atol=1e-9)
         np.testing.assert_allclose(log[0].u, record.u[: n * int(rows)].reshape(n, -1).mean(axis=1), atol=1e-9)
+
+
+def test_readings_that_come_after_any_number_of_rows_are_held_too(record):
+    """If they are rounded: an encoder that is not held shows another step in every row of so fast a motion."""
+    rng, k = np.random.default_rng(0), np.arange(len(record) + 1)
+    came = np.unique(np.minimum(np.cumsum(rng.integers(1, 20, len(k))), k[-1]))
+    last = np.append(0, came)[np.searchsorted(came, k, side="right")]
+    rounded = 1e-3 * np.round(record.theta / 1e-3)
+    assert 8.0 <= holding([rounded[last]]) <= 12.0
+    assert holding([rounded]) == 1.0
+
+
+def test_where_two_clocks_meet_readings_that_come_twice_are_fresh(record):
+    columns = held(table(record), 1.5)
+    assert holding([columns["theta"]]) == 1.0
 
 
 def test_the_truth_is_found_from_held_readings(record, tmp_path):

@@ -198,6 +198,12 @@ def test_a_torque_without_friction_or_with_hardly_any_shows_none() -> None:
     assert along(followed(0.002, B, TAU_C, 1.0)) is None
 
 
+def test_no_dry_friction_drives() -> None:
+    """A torque that goes with the speed's sign is no friction, and what is left of it is viscous."""
+    found = along(followed(0.01, 4.0 * B, -0.2 * TAU_C, 0.01))
+    assert found is not None and found.coulomb == (0.0, 0.0) and 0.0 < found.viscous[0] < 4.0 * B
+
+
 def test_a_friction_that_held_out_records_do_not_have_is_none() -> None:
     model, fitted = Model(GeneralJoint(), dt=DT), followed(0.002, B, TAU_C, 0.03)
     for other, there in ((followed(0.002, B, TAU_C, 0.03, seed=1), True), (followed(0.002, 0.5, 0.0, 0.03), False)):
