@@ -17,6 +17,7 @@ from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, 
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
+from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
@@ -29,20 +30,6 @@ from sysid.estimation.torque_regression import FrictionAlong, friction_along
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.ops import Array
 
-LARGEST_NOISE = 10.0
-"""Errors of so many times the noise cannot mean that the noise was given too small: something remains."""
-TELLING = 0.5
-"""An addition may leave more torque missing if it lowers the held-out error by this share of its excess over noise."""
-RARE = 1.5
-"""Rarity from which an effect has to lower the held-out error by HALVED, and not only by what matters."""
-HALVED = 1.0 - math.sqrt(0.5)
-"""The share that halves the square of the error beyond the noise: a rare effect that explains less of it is likelier a
-part of something unknown."""
-SWOLLEN = 3.0
-"""A zero that is so many times as large beside another one as alone makes up for that."""
-FARTHER, ANOTHER = 1.5, 1.5
-"""A model leaves far more torque missing than friction along the motion if it is so many times as much, and has quite
-another inertia than the torque shows if one is so many times the other."""
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -98,6 +85,11 @@ class Confirmation:
         self._weigh_friction()
 
     @property
+    def settings(self) -> SearchSettings:
+        """What counts as evidence, and what matters."""
+        return self.search.settings
+
+    @property
     def widened(self) -> bool:
         """Whether an error that neighbouring readings share counts as the sensor's."""
         return self.sensor != self.search.sensor
@@ -110,7 +102,7 @@ class Confirmation:
 
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
-        return held_out_error(fit.model, self.held_out, self.sensor, self.search.settings.ahead)
+        return held_out_error(fit.model, self.held_out, self.sensor, self.settings.ahead)
 
     def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
         """The fit with these additions alone, and its error."""
@@ -147,7 +139,7 @@ class Confirmation:
     def fitted_error(self, end: Fit) -> float:
         """The error of predictions of the fitted samples; it is kept, since it is needed several times."""
         if end not in self.fitted:
-            self.fitted[end] = fitted_error(end, self.search.settings.ahead, self.sensor)
+            self.fitted[end] = fitted_error(end, self.settings.ahead, self.sensor)
         return self.fitted[end]
 
     def _confirm(self) -> None:
@@ -168,9 +160,9 @@ class Confirmation:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
         An addition is needless if it raises the held-out error, or does not lower it by what matters (times its rarity,
-        and beside others by as much again; if it is RARE and other effects still promise something, by HALVED); if its
-        size is compatible with 0 or not determined by the readings; if no machine has its numbers; or if another makes
-        up for it (`_making_up`).
+        and beside others by as much again; if it is `rare` and other effects still promise something, by `halved`); if
+        its size is compatible with 0 or not determined by the readings; if no machine has its numbers; or if another
+        makes up for it (`_making_up`).
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
@@ -182,7 +174,7 @@ class Confirmation:
                 self.additions = min(worse, key=lambda own: self.fit_with(own)[1].ratio)
                 continue
             rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
-            nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
+            nothing = [a for a in self.additions if is_nothing(end, a.name, self.settings.sure)]
             nothing.sort(key=lambda a: squared_size(end, a.name))
             nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
             nothing += [] if nothing else self._making_up(end)
@@ -204,7 +196,7 @@ class Confirmation:
             fewer, error = self.fit_with([a for a in self.additions if a is not left])
             kept = [n for a in zeros if a is not left for n in end.model.names_of(a.name)]
             sizes = [(float(own.model.parameters[n].value) for own in (end, fewer)) for n in kept]
-            if any(beside * alone < 0.0 or abs(beside) > SWOLLEN * abs(alone) for beside, alone in sizes):
+            if any(beside * alone < 0.0 or abs(beside) > self.settings.swollen * abs(alone) for beside, alone in sizes):
                 found.append((error.ratio, left))
         return [min(found, key=lambda own: own[0])[1]] if found else []
 
@@ -214,19 +206,19 @@ class Confirmation:
         error that readings share, a rare one is needless: it is likelier a part of that error."""
         (left,) = (a for a in self.additions if a not in fewer)
         poorer, its_error = self.fit_with(fewer)
-        without, least = its_error.ratio, self.search.settings.tolerance
+        without, least = its_error.ratio, self.settings.tolerance
         rarity = self._rarity(left.name)
-        if rarity < RARE:
+        if rarity < self.settings.rare:
             enough = is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
         elif self.widened and not self._remains(poorer):
             return True
         else:
-            halved = is_lowered(error.ratio, without, max(least, HALVED))
+            halved = is_lowered(error.ratio, without, max(least, self.settings.halved))
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
         end = self.fit_with(self.additions)[0]
-        if rarity >= RARE and not self._another_pays(end):
+        if rarity >= self.settings.rare and not self._another_pays(end):
             return False
         return self._remains(end) or not self._remains(poorer)
 
@@ -269,8 +261,8 @@ class Confirmation:
             without = self.torque(fewer).after
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
             comparable = not self.base.samples.shared
-            more = comparable and torque.after > (1.0 + self.search.settings.tolerance) * without
-            worse = more and not is_lowered(error.ratio, its_error.ratio, TELLING)
+            more = comparable and torque.after > (1.0 + self.settings.tolerance) * without
+            worse = more and not is_lowered(error.ratio, its_error.ratio, self.settings.telling)
             if worse or self._hides(addition, end, error, torque, fewer):
                 return addition
         return None
@@ -286,7 +278,7 @@ class Confirmation:
         alone = remaining.depends_on == (imitates,)
         after, before = (self._missing_over(imitates, fit, alone) for fit in (end, fewer))
         bent = end.at_bounds - self.base.at_bounds
-        return bool(bent) or after > (1.0 - self.search.settings.most) * before
+        return bool(bent) or after > (1.0 - self.settings.most) * before
 
     def _missing_over(self, quantity: str, fit: Fit, alone: bool) -> float:
         """The mean square [N^2 m^2] of a fit's missing torque if it is a function of that quantity `alone`, else of the
@@ -307,7 +299,7 @@ class Confirmation:
                 continue
             fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
             after = self.error(fit)
-            if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
+            if after.ratio < error.ratio * (1.0 - self.settings.tolerance):
                 p = p_value(end.deviance - fit.deviance, found.numbers)
                 self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p)]
                 self.errors[names_added(self.additions)] = (fit, after)
@@ -330,14 +322,14 @@ class Confirmation:
 
     def _leaves_more(self, found: FrictionAlong, end: Fit, error: HeldOutError, torque: MissingTorque) -> bool:
         """Whether the additions leave more torque missing than friction along the motion does, and no inertia shows.
-        If one shows, they have to leave FARTHER times as much, and predictions to err beyond the noise; and there are
-        no additions, or they lack the dry friction that shows, or the inertia beside them is quite ANOTHER."""
-        farther = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
+        If one shows, they have to leave `farther` times as much, and predictions to err beyond the noise; and there are
+        no additions, or they lack the dry friction that shows, or the inertia beside them is quite `another`."""
+        more = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
         if not found.shows_inertia:
-            return farther > 1.0
-        if farther <= FARTHER or error.ratio < 1.0:
+            return more > 1.0
+        if more <= self.settings.farther or error.ratio < 1.0:
             return False
-        another = abs(math.log(end.inertia / found.inertia[0])) > math.log(ANOTHER)
+        another = abs(math.log(end.inertia / found.inertia[0])) > math.log(self.settings.another)
         lacking = found.shows_dry_friction and not any(e.is_dry for e in end.model.effects)
         return another or lacking or not self.additions
 
@@ -348,12 +340,12 @@ class Confirmation:
     def _remains(self, end: Fit) -> bool:
         """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
         errors are larger than any noise could be."""
-        settings = self.search.settings
+        settings = self.settings
         # a shared error is known roughly
         limit = settings.worse if self.widened else math.sqrt(1.0 + settings.enough**2)
         beyond = not self.fitted_error(end) < limit
-        return beyond and not (end.undisturbed and self.fitted_error(end) < LARGEST_NOISE)
+        return beyond and not (end.undisturbed and self.fitted_error(end) < settings.largest_noise)
 
     def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
         """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
-        return error.beyond_noise and not error.ratio < self.search.settings.worse * max(self.fitted_error(end), 1.0)
+        return error.beyond_noise and not error.ratio < self.settings.worse * max(self.fitted_error(end), 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sysid.errors import InvalidInput
@@ -68,6 +69,19 @@ class SearchSettings:
         Least share of the missing torque that a function of one quantity has to explain if what remains depends on that
         quantity, too: it could be a part of something unknown. If what remains depends on others as well, the share is
         of what this quantity predicts.
+    telling : float
+        An addition may leave more torque missing if it lowers the held-out error by this share of its excess over the
+        noise.
+    rare, halved : float
+        Rarity from which an effect has to lower that excess by the share `halved`, and not only by what matters: the
+        share that halves its square. A rare effect that explains less of it is likelier a part of something unknown.
+    swollen : float
+        A zero that is so many times as large beside another one as alone makes up for that.
+    farther, another : float
+        A model leaves far more torque missing than friction along the motion if it is so many times as much, and has
+        quite another inertia than the torque shows if one is so many times the other.
+    largest_noise : float
+        Errors of so many times the noise cannot mean that the noise was given too small: something remains.
     recurrences : float
         How often a ripple or a periodic torque has to come back within a record.
     blocks : int
@@ -106,6 +120,13 @@ class SearchSettings:
     enough: float = 0.3
     worse: float = 1.25
     most: float = 2.0 / 3.0
+    telling: float = 0.5
+    rare: float = 1.5
+    halved: float = 1.0 - math.sqrt(0.5)
+    swollen: float = 3.0
+    farther: float = 1.5
+    another: float = 1.5
+    largest_noise: float = 10.0
     recurrences: float = 2.0
     blocks: int = BLOCKS
     samples: int = 6000

@@ -18,11 +18,12 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis import confirmation
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_added
-from sysid.diagnosis.search_settings import SearchSettings
+from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.effects import CATALOGUE
 
 NAMES = ("coulomb", "tilt", "viscous")
+TILT_IS_RARE = SearchSettings(rare=CATALOGUE["tilt"].rarity)
 SUBSETS = tuple(own for size in range(len(NAMES) + 1) for own in combinations(NAMES, size))
 
 
@@ -40,12 +41,17 @@ class Named(tuple[str, ...]):
 class Scripted(Confirmation):
     """A confirmation of three stages, whose errors, and which of its additions hide something, are given."""
 
-    def __init__(self, ratios: dict[tuple[str, ...], float], hiding: frozenset[str]) -> None:
+    def __init__(
+        self,
+        ratios: dict[tuple[str, ...], float],
+        hiding: frozenset[str],
+        settings: SearchSettings = DEFAULT,
+    ) -> None:
         self.ratios, self.hiding = ratios, hiding
         additions = tuple(SimpleNamespace(name=name) for name in NAMES)
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
         sensor = Sensor(theta=1.0)
-        search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=(), sensor=sensor)
+        search: Any = SimpleNamespace(stages=stages, settings=settings, negligible=(), sensor=sensor)
         super().__init__(search, cast(Any, Named()), (), (), sensor)
 
     def error(self, fit: Any) -> Any:
@@ -144,9 +150,8 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
     """Alone, and beside a friction that explains as much or more."""
     factors = {"tilt": share, "coulomb": friction, "viscous": 1.0}
     beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
-    with scripted() as patch:
-        patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
-        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+    with scripted():
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset(), TILT_IS_RARE)
     assert ("tilt" in names_added(found.additions)) is stays
 
 
@@ -165,9 +170,8 @@ def test_beside_what_no_other_effect_explains_a_rare_effect_need_only_not_raise_
 ) -> None:
     beyond = {own: 4.0 * (share if "tilt" in own else 1.0) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(confirmation, "RARE", CATALOGUE["tilt"].rarity)
         patch.setattr(Scripted, "_another_pays", lambda _, end: "tilt" not in end)
-        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
+        found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset(), TILT_IS_RARE)
     assert ("tilt" in names_added(found.additions)) is stays
 
 
