@@ -292,7 +292,8 @@ class Confirmation:
         held-out motion, which goes further."""
         for name in self.search.negligible:
             end, error = self.fit_with(self.additions)
-            if name in names_added(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
+            present = {name, *CATALOGUE[name].contains}.intersection(names_added(self.additions))
+            if present or not self._fails_elsewhere(end, error) or self._remains(end):
                 continue
             found = scores(end, (name,)).get(name)
             if found is None or not found.visible:

@@ -51,7 +51,8 @@ class Scripted(Confirmation):
         additions = tuple(SimpleNamespace(name=name) for name in NAMES)
         stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
         sensor = Sensor(theta=1.0)
-        search: Any = SimpleNamespace(stages=stages, settings=settings, negligible=(), sensor=sensor)
+        slight = ("coulomb", "warming_friction", "spring")
+        search: Any = SimpleNamespace(stages=stages, settings=settings, negligible=slight, sensor=sensor, effects=None)
         super().__init__(search, cast(Any, Named()), (), (), sensor)
 
     def error(self, fit: Any) -> Any:
@@ -68,6 +69,9 @@ class Scripted(Confirmation):
 
     def _remains(self, end: Any) -> bool:
         return True
+
+    def _fails_elsewhere(self, *_: Any) -> bool:
+        return False
 
     def _another_pays(self, end: Any) -> bool:
         return True
@@ -195,6 +199,17 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
     assert names_added(found.additions) == (kept,)
+
+
+def test_a_slight_effect_is_not_reconsidered_beside_one_that_it_contains() -> None:
+    """Dry friction that falls as the machine warms up, beside dry friction: what one lacks the other has."""
+    asked: list[str] = []
+    with scripted() as patch:
+        patch.setattr(Scripted, "_fails_elsewhere", lambda *_: True)
+        patch.setattr(Scripted, "_remains", lambda *_: False)
+        patch.setattr(confirmation, "scores", lambda _, names: asked.extend(names) or {})
+        Scripted({own: 9.0 * 0.5 ** len(own) for own in SUBSETS}, frozenset())
+    assert asked == ["spring"]
 
 
 SEEN, ANOTHER, UNSEEN = (1.2, 0.01), (0.1, 0.01), (0.01, 0.01)
