@@ -167,7 +167,7 @@ class Confirmation:
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_added(own))] or fewer
+            sound = [own for own in fewer if self._is_sound(own, end)] or fewer
             pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
             worse = [own for own in sound if not pay or self._is_needless(own, error)]
             if worse:
@@ -194,11 +194,25 @@ class Confirmation:
         found: list[tuple[float, Addition]] = []
         for left in zeros:
             fewer, error = self.fit_with([a for a in self.additions if a is not left])
-            kept = [n for a in zeros if a is not left for n in end.model.names_of(a.name)]
-            sizes = [(float(own.model.parameters[n].value) for own in (end, fewer)) for n in kept]
-            if any(beside * alone < 0.0 or abs(beside) > self.settings.swollen * abs(alone) for beside, alone in sizes):
+            if any(self._swells(a.name, fewer, end) for a in zeros if a is not left):
                 found.append((error.ratio, left))
         return [min(found, key=lambda own: own[0])[1]] if found else []
+
+    def _is_sound(self, fewer: Sequence[Addition], end: Fit) -> bool:
+        """Whether additions are plausible without one more, and the rare ones among them are then what they were. A
+        rare effect with quite other numbers is another explanation, which no search has found."""
+        fit, _ = self.fit_with(fewer)
+        rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
+        alike = not any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
+        return alike and is_plausible(fit, names_added(fewer))
+
+    def _swells(self, name: str, before: Fit, after: Fit) -> bool:
+        """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
+        for number in after.model.names_of(name):
+            was, now = (float(own.model.parameters[number].value) for own in (before, after))
+            if was * now < 0.0 or abs(now) > self.settings.swollen * abs(was):
+                return True
+        return False
 
     def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
         """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to. If nothing

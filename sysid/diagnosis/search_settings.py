@@ -76,7 +76,8 @@ class SearchSettings:
         Rarity from which an effect has to lower that excess by the share `halved`, and not only by what matters: the
         share that halves its square. A rare effect that explains less of it is likelier a part of something unknown.
     swollen : float
-        A zero that is so many times as large beside another one as alone makes up for that.
+        A zero that is so many times as large beside another one as alone makes up for that; a rare effect with a number
+        so many times as large without another addition is another effect.
     farther, another : float
         A model leaves far more torque missing than friction along the motion if it is so many times as much, and has
         quite another inertia than the torque shows if one is so many times the other.

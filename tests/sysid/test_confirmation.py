@@ -70,6 +70,9 @@ class Scripted(Confirmation):
     def _remains(self, end: Any) -> bool:
         return True
 
+    def _swells(self, *_: Any) -> bool:
+        return False
+
     def _fails_elsewhere(self, *_: Any) -> bool:
         return False
 
@@ -199,6 +202,17 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
     assert names_added(found.additions) == (kept,)
+
+
+@pytest.mark.parametrize("another", [False, True])
+def test_what_is_another_effect_without_its_fellow_does_not_take_its_place(another: bool) -> None:
+    """The tilt alone errs least, but leans by several times as much as beside the friction that it was found with."""
+    ratios = {own: (3.5 if "coulomb" in own else 5.0) - 0.01 * len(own) for own in SUBSETS}
+    ratios |= {(): 9.0, ("tilt",): 2.0, ("coulomb", "tilt"): 3.475}
+    with scripted() as patch:
+        patch.setattr(Scripted, "_swells", lambda _, name, before, after: another and "coulomb" not in before)
+        found = Scripted(ratios, frozenset(), TILT_IS_RARE)
+    assert names_added(found.additions) == (("coulomb",) if another else ("tilt",))
 
 
 def test_a_slight_effect_is_not_reconsidered_beside_one_that_it_contains() -> None:
