@@ -26,6 +26,8 @@ FAST = 1e-4
 """Share of a motion's power that may lie above the frequency of its fastest part (`needed_rate`)."""
 SHORT_PIECE = 0.2
 """Pieces shorter than this share of the longest tell no rate: the course of a moment has a part at every frequency."""
+LEAST_AWAY = 1.5 * math.pi
+"""Least angle [rad] from where a joint should hang that is taken for whole turns."""
 FEW = 0.1
 """The largest share of rows without a number that may be left out."""
 
@@ -203,11 +205,27 @@ def read(
     records, step, more = resampling.evenly(rollouts, dt)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
-        free = [free_part(record) for record in records]
-        records, more = tuple(record for record, _ in free), (*more, *(said for _, said in free if said))
+        for mend in (free_part, _about_one_turn):
+            mended = [mend(record) for record in records]
+            records, more = tuple(record for record, _ in mended), (*more, *(said for _, said in mended if said))
     shift = hanging - math.pi  # the file's angles less ours
     log = Log(records, (*notes, *more, *checks.doubts(records, plant, command, shift, degrees)), step)
     return log.thinned() if thin and dt is None else log
+
+
+def _about_one_turn(record: Record) -> tuple[Record, str]:
+    """A free swing that hangs whole turns from our zero, moved by these; and a sentence on that, empty for none.
+
+    Gravity does not tell turns apart, but an offset and a spring would stand for them together.
+    """
+    if record.theta is None or record.driven:
+        return record, ""
+    away = float(np.median(record.theta)) - math.pi
+    turns = round(away / (2.0 * math.pi))
+    if abs(away) < LEAST_AWAY:
+        return record, ""
+    said = f"{record.name}: it swings {abs(turns)} turn{'s' * (abs(turns) > 1)} from its zero, which theta is moved by"
+    return replace(record, theta=record.theta - 2.0 * math.pi * turns), said
 
 
 def _hanging(zero: str | float, degrees: bool) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from sysid.data.checks import check_excitation
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
@@ -33,9 +31,11 @@ def free(model: Model | Estimate, records: Sequence[Record] = ()) -> tuple[str, 
 
 def without_scale(model: Model, names: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
     """The names without the scale of all torques (`Plant.scale`) if the records are free swings, which cannot show it:
-    all torques are 0, and no servo is told positions."""
-    swings = bool(records) and not model.at_angle and not any(np.any(record.u != 0.0) for record in records)
-    return tuple(name for name in names if not (swings and name == model.plant.scale))
+    all torques are 0, no servo is told positions, and the weight is not known."""
+    plant = model.plant
+    swings = bool(records) and not model.at_angle and not any(record.driven for record in records)
+    weighed = plant.gravity and plant.gravity not in names and float(model.parameters[plant.gravity].value) > 0.0
+    return tuple(name for name in names if not (swings and not weighed and name == plant.scale))
 
 
 def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:

@@ -186,10 +186,14 @@ class FrictionAlong:
 def friction_along(
     model: Model, names: Sequence[str], records: Sequence[Record], unseen: Sequence[Record], sensor: Sensor
 ) -> FrictionAlong | None:
-    """The friction along the motion of records; None if they show none, or if it explains little of the torque of
-    unseen records. Gravity is fitted beside it if one of the free `names` determines it; else it is the model's. The
-    damping of the drive, if that is free, counts as viscous friction: the command has to vary, not what is made of it.
+    """The friction along the motion of records; None if no drive acts, if they show none, or if it explains little of
+    the torque of unseen records.
+
+    Gravity is fitted beside it if one of the free `names` determines it; else it is the model's. The damping of the
+    drive, if that is free, counts as viscous friction: the command has to vary, not what is made of it.
     """
+    if not any(r.driven for r in records):
+        return None
     if model.damping in names:
         model = model.with_parameters({model.damping: 0.0})
     slow = integrated_motion(model, names, records, sensor).slow

@@ -31,7 +31,7 @@ from sysid import (
     fit,
     simulate,
 )
-from sysid.estimation.fit import free
+from sysid.estimation.fit import free, without_scale
 from sysid.physics.simulate import Trajectory
 from sysid.planning.excitation import multisine, steps
 from tests.sysid.planted import DT, SENSOR, assert_found, without_noise
@@ -94,6 +94,9 @@ def test_a_free_swing_fits_what_it_shows(clean: list[Record]) -> None:
     swing = [replace(record, u=0.0 * record.u) for record in clean]
     assert free(rod(Viscous()), clean) == free(rod(Viscous()), [*swing, *clean]) == ("m", "l", "viscous.b")
     assert free(rod(Viscous()), swing) == ("l", "viscous.b")
+    weighed, all_of_it = Model(GeneralJoint(G=4.9), dt=clean[0].dt), ("J", "G")
+    assert without_scale(weighed, all_of_it, swing) == ("G",) and without_scale(weighed, ("J",), swing) == ("J",)
+    assert without_scale(Model(GeneralJoint(G=0.0)), ("J",), swing) == (), "without a weight nothing tells J"
     servo = Model(GeneralJoint(), (PositionServo(),))
     assert "J" in free(servo, swing), "a servo that is told to stay at 0 holds the joint there"
 

@@ -73,6 +73,16 @@ def test_free_swings_say_where_the_joint_hangs(zero, at, degrees, said, tmp_path
     assert not any("say so" in n for n in read(path, zero=at, degrees=degrees).notes)
 
 
+@pytest.mark.parametrize("turns", [-1, 0, 1, 3])
+def test_a_free_swing_hangs_where_its_zero_is_whatever_whole_turns_its_encoder_has_made(turns, tmp_path):
+    free = simulate(Model(GeneralJoint(J=0.1, G=2.0), (Viscous(b=0.01),), dt=0.01), np.zeros(800), math.pi - 2.5, 0.0)
+    theta = np.asarray(free.theta) - math.pi
+    path = write(tmp_path / "log.csv", {"t": free.t, "theta": theta + 2.0 * math.pi * turns})
+    log = read(path, zero="hanging", thin=False)
+    np.testing.assert_allclose(log[0].theta, free.theta[-len(log[0].theta) :], atol=1e-9)
+    assert any(f"{abs(turns)} turn" in note for note in log.notes) == (turns != 0)
+
+
 def test_any_names_and_extra_columns_and_a_mapping_as_good_as_a_string(tmp_path):
     (record,) = rollouts()
     t, theta, theta_dot, torque = table(record).values()

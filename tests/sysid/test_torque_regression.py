@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import DCMotor, GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, diagnose, simulate
+from sysid import DCMotor, GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, Viscous, diagnose, simulate
 from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression, telling_motion
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
@@ -196,6 +196,14 @@ def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> No
 def test_a_torque_without_friction_or_with_hardly_any_shows_none() -> None:
     assert along(followed(1.0, 0.0, 0.0, 0.03)) is None
     assert along(followed(0.002, B, TAU_C, 1.0)) is None
+
+
+def test_along_a_free_swing_no_torque_shows_a_friction() -> None:
+    """Though a gravity that is known drives it."""
+    model = Model(GeneralJoint(J=0.1, G=1.0), (Viscous(b=0.02),), dt=0.02)
+    swing = simulate(model, np.zeros(1000), np.pi - 1.0, 0.0)
+    (record,) = SENSOR.measure(swing, np.random.default_rng(0))
+    assert friction_along(model.without_effect("viscous"), ("J",), [record], [record], SENSOR) is None
 
 
 def test_no_dry_friction_drives() -> None:
