@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.effect import Memory, OutputEffect, Reading
+from sysid.physics.effects.effect import Joint, Memory, OutputEffect, Reading
 from sysid.physics.effects.timing import DeadTime, decaying, first_order
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import doubling, parameter
@@ -160,6 +160,11 @@ class Backlash(OutputEffect):
     confused = ("sensor_delay",)
     stage = 0
     width: Value = parameter(0.0, unit="rad", bounds=(0.0, 1.0), neutral=0.0)
+
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+        """Whether the play is wider than a step of a sensor whose rounding has that sd: rounding lags by up to a step,
+        too."""
+        return float(self.width) > math.sqrt(12.0) * sd
 
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
         return (theta,)
