@@ -162,9 +162,8 @@ class Backlash(OutputEffect):
     width: Value = parameter(0.0, unit="rad", bounds=(0.0, 1.0), neutral=0.0)
 
     def resolved(self, sd: float, reach: float, told: Joint) -> bool:
-        """Whether the play is wider than a step of a sensor whose rounding has that sd: rounding lags by up to a step,
-        too."""
-        return float(self.width) > math.sqrt(12.0) * sd
+        """Whether half of the play is more than the sd: the rounding of an encoder lags by as much."""
+        return 0.5 * float(self.width) > sd
 
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
         return (theta,)
