@@ -314,7 +314,8 @@ class Confirmation:
                 continue
             fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
             after = self.error(fit)
-            if after.ratio < error.ratio * (1.0 - self.settings.tolerance):
+            sound = is_plausible(fit, (name,)) and not is_undetermined(fit, name)
+            if sound and after.ratio < error.ratio * (1.0 - self.settings.tolerance):
                 p = p_value(end.deviance - fit.deviance, found.numbers)
                 self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p)]
                 self.errors[names_added(self.additions)] = (fit, after)
