@@ -345,7 +345,7 @@ class Confirmation:
             return more > 1.0
         if more <= self.settings.farther or error.ratio < 1.0:
             return False
-        another = abs(math.log(end.inertia / found.inertia[0])) > math.log(self.settings.another)
+        another = found.contradicts(end.inertia, self.settings.another)
         lacking = found.shows_dry_friction and not any(e.is_dry for e in end.model.effects)
         return another or lacking or not self.additions
 

@@ -40,7 +40,7 @@ from sysid.estimation.prediction import foreseeable, telling_horizon, widened_se
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import settled
 from sysid.estimation.scores import price
-from sysid.estimation.torque_regression import frees_gravity
+from sysid.estimation.torque_regression import frees_gravity, friction_along
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -151,11 +151,14 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
 def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Contact, ...]]:
-    """The search through the records without contacts, the fit that it began at, and the contacts."""
+    """The search through the records without contacts, the fit that it began at, and the contacts. A fit whose inertia
+    the friction along the motion contradicts tells nothing of hands."""
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
-        perhaps = restarts_left and not end.undisturbed
+        along = friction_along(model, names, records, records, search.sensor)
+        astray = along is not None and along.contradicts(end.inertia, search.settings.another)
+        perhaps = restarts_left and not (end.undisturbed or astray)
         beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
         found = () if missing is None else find_contacts(end, missing, again=bool(contacts))

@@ -182,6 +182,10 @@ class FrictionAlong:
         value, sd = self.inertia
         return value > SURE_COEFFICIENT * sd
 
+    def contradicts(self, inertia: float, factor: float) -> bool:
+        """Whether the torque surely shows another inertia than this one [kg m^2], by a factor."""
+        return self.shows_inertia and abs(math.log(inertia / self.inertia[0])) > math.log(factor)
+
 
 def friction_along(
     model: Model, names: Sequence[str], records: Sequence[Record], unseen: Sequence[Record], sensor: Sensor
