@@ -387,7 +387,8 @@ class Diagnosis:
         )
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
-        """Friction and load in the torque along the motion, in words; only what is three standard errors from 0."""
+        """Friction, load and inertia in the torque along the motion, in words; only what is three standard errors from
+        0, and no inertia of a motion at nearly one speed."""
         plant = self.model.plant
         torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
         (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0
@@ -398,7 +399,11 @@ class Diagnosis:
             ("friction that falls with speed by" if falls else "viscous friction of", abs(b), b_sd, slope),
             ("a constant load of", *friction.load, torque),
         )
-        *some, last = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
+        told = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
+        if friction.shows_inertia and not friction.one_speed:
+            J, J_sd = friction.inertia
+            told.append(f"an inertia of {J:.3g} +- {J_sd:.2g} {plant.unit('kg m^2')}")
+        *some, last = told
         sure, explain = (f"{', '.join(some)} and {last}", "explain") if some else (last, "explains")
         return (
             f"along the motion {sure} {explain} {friction.share:.0%} of how the drive's "

@@ -178,6 +178,9 @@ def test_the_frictions_of_a_heavy_arm_that_is_led_slowly_are_told_whatever_predi
         found = [(values[name], sd[name]) for name in ("viscous.b", "coulomb.tau_c")]
     else:
         found = [answer.friction.viscous, answer.friction.coulomb]
+        J, sd = answer.friction.inertia
+        assert abs(J - 18.0) < 3.0 * sd + 1.0
+        assert (f"an inertia of {J:.3g} +- " in answer.finding) is answer.friction.shows_inertia
     for value, error in found:
         assert abs(value - 20.0) < 3.0 * error + 1.0, answer
 
