@@ -199,12 +199,13 @@ class Confirmation:
         return [min(found, key=lambda own: own[0])[1]] if found else []
 
     def _is_sound(self, fewer: Sequence[Addition], end: Fit) -> bool:
-        """Whether additions are plausible without one more, and the rare ones among them are then what they were. A
-        rare effect with quite other numbers is another explanation, which no search has found."""
+        """Whether additions are plausible without one more; and, if that is a common one, the rare ones among them are
+        what they were. With quite other numbers they are another explanation, which no search has found."""
         fit, _ = self.fit_with(fewer)
-        rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
-        alike = not any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
-        return alike and is_plausible(fit, names_added(fewer))
+        rare = {a.name for a in self.additions if CATALOGUE[a.name].rarity >= self.settings.rare}
+        kept = rare.intersection(names_added(fewer))
+        others = kept == rare and any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in kept)
+        return not others and is_plausible(fit, names_added(fewer))
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
