@@ -205,7 +205,8 @@ def read(
     records, step, more = resampling.evenly(rollouts, dt)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
-        for mend in (free_part, _about_one_turn):
+        hangs = zero != "upright" if plant is None else float(plant.gravity_torque(0.5 * math.pi)) > 0.0
+        for mend in (free_part, _about_one_turn) if hangs else (free_part,):
             mended = [mend(record) for record in records]
             records, more = tuple(record for record, _ in mended), (*more, *(said for _, said in mended if said))
     shift = hanging - math.pi  # the file's angles less ours
@@ -218,7 +219,7 @@ def _about_one_turn(record: Record) -> tuple[Record, str]:
 
     Gravity does not tell turns apart, but an offset and a spring would stand for them together.
     """
-    if record.theta is None or record.driven:
+    if record.theta is None or record.driven or np.ptp(record.theta) > 2.0 * math.pi:
         return record, ""
     away = float(np.median(record.theta)) - math.pi
     turns = round(away / (2.0 * math.pi))

@@ -81,6 +81,8 @@ def test_a_free_swing_hangs_where_its_zero_is_whatever_whole_turns_its_encoder_h
     log = read(path, zero="hanging", thin=False)
     np.testing.assert_allclose(log[0].theta, free.theta[-len(log[0].theta) :], atol=1e-9)
     assert any(f"{abs(turns)} turn" in note for note in log.notes) == (turns != 0)
+    carriage = read(path, zero="upright", thin=False, plant=LinearAxis())[0].theta
+    np.testing.assert_allclose(carriage, theta[-len(carriage) :] + 2.0 * math.pi * turns, atol=1e-9)
 
 
 def test_any_names_and_extra_columns_and_a_mapping_as_good_as_a_string(tmp_path):
