@@ -209,6 +209,13 @@ def test_along_a_free_swing_no_torque_shows_a_friction() -> None:
     assert friction_along(model.without_effect("viscous"), ("J",), [record], [record], SENSOR) is None
 
 
+@pytest.mark.parametrize(("inertia", "contradicts"), [(1.0, False), (1.4, False), (1.6, True), (0.6, True)])
+def test_an_inertia_is_contradicted_only_by_one_that_surely_shows(inertia: float, contradicts: bool) -> None:
+    for sd, shows in ((0.2, True), (0.5, False)):
+        found = FrictionAlong((0.1, 0.01), (0.2, 0.01), (0.0, 0.1), (1.0, sd), 0.95)
+        assert found.contradicts(inertia, 1.5) is (shows and contradicts)
+
+
 def test_no_dry_friction_drives() -> None:
     """A torque that goes with the speed's sign is no friction, and what is left of it is viscous."""
     found = along(followed(0.01, 4.0 * B, -0.2 * TAU_C, 0.01))
