@@ -388,7 +388,7 @@ class Diagnosis:
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
         """Friction, load and inertia in the torque along the motion, in words; only what is three standard errors from
-        0, and no inertia of a motion at nearly one speed."""
+        0, and an inertia that is sure enough to be told."""
         plant = self.model.plant
         torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
         (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0
@@ -400,7 +400,7 @@ class Diagnosis:
             ("a constant load of", *friction.load, torque),
         )
         told = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
-        if friction.shows_inertia and not friction.one_speed:
+        if friction.tells_inertia:
             J, J_sd = friction.inertia
             told.append(f"an inertia of {J:.3g} +- {J_sd:.2g} {plant.unit('kg m^2')}")
         *some, last = told

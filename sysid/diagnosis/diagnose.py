@@ -157,7 +157,7 @@ def _searched(
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
         along = friction_along(model, names, records, records, search.sensor)
-        astray = along is not None and along.contradicts(end.inertia, search.settings.another)
+        astray = along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.another)
         perhaps = restarts_left and not (end.undisturbed or astray)
         beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None

@@ -26,6 +26,8 @@ MOST_REGRESSED = 20_000
 """Most samples of a log that are used."""
 SURE_COEFFICIENT = 3.0
 """Standard errors from 0 at which a coefficient of the regression is sure."""
+TELLING_INERTIA = 5.0
+"""Standard errors from 0 of an inertia that is told: a smoothed acceleration bends it more than they know."""
 ONE_SPEED = 0.2
 """Relative spread below which the speeds in one direction (between their 10 % and 90 % quantiles) are nearly one."""
 WHOLLY = 0.99
@@ -181,6 +183,12 @@ class FrictionAlong:
         """Whether the torque surely changes with the acceleration."""
         value, sd = self.inertia
         return value > SURE_COEFFICIENT * sd
+
+    @property
+    def tells_inertia(self) -> bool:
+        """Whether the inertia is sure enough to be told: by TELLING_INERTIA, and in no motion at nearly one speed."""
+        value, sd = self.inertia
+        return value > TELLING_INERTIA * sd and not self.one_speed
 
     def contradicts(self, inertia: float, factor: float) -> bool:
         """Whether the torque surely shows another inertia than this one [kg m^2], by a factor."""
