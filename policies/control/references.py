@@ -77,6 +77,6 @@ def spanning(grid: Grid, model: Model) -> Grid:
     """The same nodes over the speeds that the model reaches: up to where it clips them, else to 1.5 times that of a
     fall from the upright."""
     clipped = getattr(model.integrator, "theta_dot_max", math.inf)
-    G = abs(float(model.plant.gravity_torque(0.5 * math.pi)))
+    G = abs(float(model.plant.largest_gravity_torque))
     fastest = min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
     return dataclasses.replace(grid, theta_dot_max=fastest)

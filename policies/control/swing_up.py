@@ -139,7 +139,7 @@ def design_swing_up(model: Model) -> SwingUp:
     if not math.isfinite(model.u_max):
         raise InvalidInput("the model has no torque limit u_max: expected one; without it use the LQR alone")
     J = model.plant.inertia() + sum(e.inertia() for e in model.joint_effects)
-    G = model.plant.gravity_torque(0.5 * math.pi)
+    G = model.plant.largest_gravity_torque
     theta = np.linspace(-math.pi, math.pi, 33)
     if not G > 0.0 or np.max(np.abs(model.plant.gravity_torque(theta) - G * np.sin(theta))) > 1e-9 * G:
         raise InvalidInput(f"the gravity torque of {model.plant}: expected G sin(theta) with G > 0")

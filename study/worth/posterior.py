@@ -45,7 +45,7 @@ class NormalCoordinates:
 
         def logs(**moved: float) -> Array:
             plant = model.with_parameters(moved).plant
-            J, G = float(plant.inertia()), abs(float(plant.gravity_torque(0.5 * math.pi)))
+            J, G = float(plant.inertia()), abs(float(plant.largest_gravity_torque))
             return np.array([-math.log(J), math.log(max(G, 1e-300) / J)])
 
         def powers(i: int) -> Array:

@@ -115,7 +115,7 @@ def doubts(
         free = f"a free {'swing' if turns else 'motion'}: the {command} is 0"
         acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
         found.append(free if first == 0.0 else acts)
-    hangs = plant is None or float(plant.gravity_torque(0.5 * math.pi)) > 0.0
+    hangs = plant is None or float(plant.largest_gravity_torque) > 0.0
     if not turns:
         return tuple(found)
     A, b = _accelerations(records)

@@ -49,7 +49,8 @@ def quantisation_step(series: Sequence[Array]) -> float:
 
 
 def holding(series: Iterable[Array]) -> float:
-    """For how many rows each reading of a channel (K,), one array for each rollout, is held; 4.5 if 4 and 5 take turns.
+    """For how many rows each reading of a channel (K,), one array for each rollout, is held; 4.5 if 4 and 5 take turns,
+    and the median if it is any number.
 
     A slowly moving encoder repeats its readings too, but then it changes by one step. A channel is therefore held if
     most jumps of more than 2.5 steps come after two rows or more; otherwise the answer is 1: all are fresh. If no step

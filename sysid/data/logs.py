@@ -205,7 +205,7 @@ def read(
     records, step, more = resampling.evenly(rollouts, dt)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
-        hangs = zero != "upright" if plant is None else float(plant.gravity_torque(0.5 * math.pi)) > 0.0
+        hangs = zero != "upright" if plant is None else float(plant.largest_gravity_torque) > 0.0
         for mend in (free_part, _about_one_turn) if hangs else (free_part,):
             mended = [mend(record) for record in records]
             records, more = tuple(record for record, _ in mended), (*more, *(said for _, said in mended if said))

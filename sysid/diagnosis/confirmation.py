@@ -202,10 +202,11 @@ class Confirmation:
         """Whether additions are plausible without one more; and, if that is a common one, the rare ones among them are
         what they were. With quite other numbers they are another explanation, which no search has found."""
         fit, _ = self.fit_with(fewer)
-        rare = {a.name for a in self.additions if CATALOGUE[a.name].rarity >= self.settings.rare}
-        kept = rare.intersection(names_added(fewer))
-        others = kept == rare and any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in kept)
-        return not others and is_plausible(fit, names_added(fewer))
+        (left,) = (a for a in self.additions if a not in fewer)
+        rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
+        others = any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
+        common = CATALOGUE[left.name].rarity < self.settings.rare
+        return not (common and others) and is_plausible(fit, names_added(fewer))
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""

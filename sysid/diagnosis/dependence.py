@@ -58,7 +58,7 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
 
 def _is_placed(fit: Fit) -> bool:
     """Whether the angle of the joint is known, from a reading of it or from gravity."""
-    gravity = float(fit.model.plant.gravity_torque(0.5 * math.pi))
+    gravity = float(fit.model.plant.largest_gravity_torque)
     return gravity != 0.0 or any(r.has_angles for r in fit.samples.records)
 
 

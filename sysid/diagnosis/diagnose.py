@@ -151,14 +151,11 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
 def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Contact, ...]]:
-    """The search through the records without contacts, the fit that it began at, and the contacts. A fit whose inertia
-    the friction along the motion contradicts tells nothing of hands."""
+    """The search through the records without contacts, the fit that it began at, and the contacts."""
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
-        along = friction_along(model, names, records, records, search.sensor)
-        astray = along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.another)
-        perhaps = restarts_left and not (end.undisturbed or astray)
+        perhaps = restarts_left and not end.undisturbed and not _is_astray(end, base, search)
         beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
         found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
@@ -167,6 +164,13 @@ def _searched(
             break
         contacts, records = (*contacts, *found), rest
     return search, base, contacts
+
+
+def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
+    """Whether the friction along the motion contradicts the inertia of a final fit, which then tells nothing of hands;
+    `base` is the fit of the model as it came."""
+    along = friction_along(base.model, base.names, search.records, search.records, search.sensor)
+    return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.another)
 
 
 def _best_search(

@@ -34,7 +34,7 @@ def without_scale(model: Model, names: Sequence[str], records: Sequence[Record])
     all torques are 0, no servo is told positions, and the weight is not known."""
     plant = model.plant
     swings = bool(records) and not model.at_angle and not any(record.driven for record in records)
-    weighed = plant.gravity and plant.gravity not in names and float(model.parameters[plant.gravity].value) > 0.0
+    weighed = plant.gravity and plant.gravity not in names and float(plant.largest_gravity_torque) > 0.0
     return tuple(name for name in names if not (swings and not weighed and name == plant.scale))
 
 

@@ -127,7 +127,7 @@ def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float])
 
     def distances(scale: Array) -> Array:
         plant = model.plant.with_parameters(dict(zip(moved, _inside(model, moved, scale), strict=True)))
-        J, G = float(plant.inertia()), float(plant.gravity_torque(0.5 * math.pi))
+        J, G = float(plant.inertia()), float(plant.largest_gravity_torque)
         found = {"1/J": 1.0 / J, "G/J": G / J}
         off = [math.log(found[k] / shown[k]) if found[k] > 0.0 else 0.0 for k in shown]
         return np.array([*off, *(1e-3 * scale)])

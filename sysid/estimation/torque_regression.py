@@ -112,7 +112,7 @@ def integrated_motion(
     slow = slow_speed([theta_dot for _, theta_dot in smoothed])
     found = np.concatenate(rows)
     if model.plant.turns and not frees_gravity(model, names):
-        found[:, 1] += float(model.plant.gravity_torque(0.5 * math.pi)) * found[:, 0]
+        found[:, 1] += float(model.plant.largest_gravity_torque) * found[:, 0]
         found[:, 0] = 0.0
     return IntegratedMotion(found[:, :5], found[:, 5], np.concatenate(targets), slow)
 

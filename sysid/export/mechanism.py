@@ -66,7 +66,7 @@ def body(plant: Plant) -> Body:
     """The link of a plant; of an inertia and a gravity torque alone, a rod that moves alike."""
     try:
         numbers = {name: float(p.value) for name, p in plant.parameters.items()}
-        J, G = float(plant.inertia()), float(plant.gravity_torque(0.5 * math.pi))
+        J, G = float(plant.inertia()), float(plant.largest_gravity_torque)
     except (TypeError, ValueError):
         raise InvalidInput("the model's numbers are arrays: expected a model of one machine") from None
     if isinstance(plant, LinearAxis):

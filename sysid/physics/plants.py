@@ -105,6 +105,11 @@ class Plant(Parametric):
             J [kg m^2].
         """
 
+    @property
+    def largest_gravity_torque(self) -> Value:
+        """The torque of gravity [N m] a quarter of a turn from upright; 0 for what no gravity pulls."""
+        return self.gravity_torque(0.5 * math.pi)
+
     @abstractmethod
     def gravity_torque(self, theta: Value) -> Value:
         """The torque of gravity at theta; positive raises theta.

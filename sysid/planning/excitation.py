@@ -193,4 +193,4 @@ def vary(signal: Signal, rng: np.random.Generator, limits: Limits, dt: float) ->
 
 def rest_angle(model: Model) -> float:
     """Where the joint rests without torque [rad]: hanging; 0 where no gravity pulls it anywhere."""
-    return math.pi if abs(float(model.plant.gravity_torque(0.5 * math.pi))) > 0.0 else 0.0
+    return math.pi if abs(float(model.plant.largest_gravity_torque)) > 0.0 else 0.0

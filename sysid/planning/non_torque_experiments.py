@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from sysid.estimation.fit import free
@@ -89,7 +88,7 @@ def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
 
 def payload(model: Model) -> tuple[float, float]:
     """A weight that adds half the joint's inertia, at the pendulum's own length: (mass, distance), two digits each."""
-    J, G = float(model.inertia()), float(model.plant.gravity_torque(0.5 * math.pi))
+    J, G = float(model.inertia()), float(model.plant.largest_gravity_torque)
     length = float(getattr(model.plant, "l", J * GRAVITY / G if G > 0.0 else 1.0))
     distance = float(f"{length:.2g}") if model.plant.turns else 1.0  # a carriage carries it, wherever it sits
     return float(f"{_HEAVIER * J / distance**2:.2g}"), distance

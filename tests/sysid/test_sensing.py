@@ -130,7 +130,7 @@ def test_play_stays_within_its_width_and_moves_only_in_touch():
 
 @pytest.mark.parametrize("step", [0.001, 0.004])
 def test_what_rounding_may_be_is_no_play(step):
-    """An encoder rests up to a step where its joint turns, and is late by half of one: so it is in play of a step."""
+    """What play of half a step changes, a quarter of a step, is less than the sd of what rounding does."""
     sd = step / math.sqrt(12.0)
     plays = {width: Backlash(width=width * step).resolved(sd, 1.0, None) for width in (0.3, 0.5, 1.0, 2.0)}
     assert plays == {0.3: False, 0.5: False, 1.0: True, 2.0: True}
