@@ -246,8 +246,9 @@ class Workbench:
         if name == "log":
             return log_part.form(session)
         if name == "ladder":
-            known = [session.read(k, Answer.FAILS) for k in range(len(session.state.nodes))]
-            return layout.ladder_part(session.state, [None if found is None else found["ratio"] for found in known])
+            state = session.state
+            known = [session.read(k, Answer.FAILS) for k in range(len(state.nodes))]
+            return layout.ladder_part(state, [None if found is None else found["ratio"] for found in known])
         return layout.take_part(session) if name == "take" else layout.training_part(session, self.trainings)
 
     def _answers(self, name: str, session: Session, node: int) -> html.Div:

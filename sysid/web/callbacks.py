@@ -40,6 +40,12 @@ def session_name(search: str | None) -> str | None:
     return next(iter(parse_qs((search or "").lstrip("?")).get("session", [])), None)
 
 
+def pressed() -> Mapping[str, Any] | None:
+    """The button that was pressed; the same request may tell of buttons that were just drawn, which have no click."""
+    clicks = {told["prop_id"]: told["value"] for told in ctx.triggered}
+    return next((button for name, button in ctx.triggered_prop_ids.items() if clicks[name]), None)
+
+
 def zoomed(s: figures.Series, channel: str, moved: Mapping[str, Any] | None) -> Patch | None:
     """The course in a stretch of time, thinned anew; None where nothing was moved along the time."""
     moved = moved or {}
@@ -96,8 +102,8 @@ class PageCallbacks:
 
     def act(self, *given: Any) -> tuple[Any, Any]:
         """A button was pressed; what cannot be done is said where work is shown."""
-        clicked, own = ctx.triggered_id, self.session(given[-1])
-        if not any(pressed["value"] for pressed in ctx.triggered) or not isinstance(clicked, dict):
+        clicked, own = pressed(), self.session(given[-1])
+        if clicked is None:
             return no_update, no_update
         fields = {state["id"]["field"]: state.get("value") for state in ctx.states_list[0]}
         try:

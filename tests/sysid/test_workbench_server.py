@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,34 @@ def test_bound_elsewhere_it_wants_a_token(bench: Workbench) -> None:
     assert "HttpOnly" in answer.headers["Set-Cookie"]
     client.set_cookie(COOKIE, "secret", domain="192.168.1.7")
     assert client.get("/_dash-layout", headers=away).status_code == 200
+
+
+def test_a_click_counts_though_other_buttons_are_drawn_at_that_moment(
+    client: Any, bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page then tells of all of them in one request, in the order of the page or of their drawing."""
+    asked = list[Any]()
+    monkeypatch.setattr(bench, "do", lambda session, clicked, fields: asked.append(dict(clicked)))
+    drawn, clicked = {"do": "train"}, {"do": "add", "effect": "coulomb"}
+
+    def told(*buttons: dict[str, str], clicks: dict[str, int]) -> None:
+        values = [{"id": own, "property": "n_clicks", "value": clicks.get(own["do"])} for own in buttons]
+        here = [[own for own in values if set(own["id"]) == set(kind)] for kind in (drawn, clicked)]
+        body = {
+            "output": "..act.data...url.search..",
+            "outputs": [{"id": "act", "property": "data"}, {"id": "url", "property": "search"}],
+            "inputs": [*here, [], [], []],
+            "changedPropIds": [f"{json.dumps(own, separators=(',', ':'))}.n_clicks" for own in buttons],
+            "state": [[], {"id": "url", "property": "search", "value": ""}],
+        }
+        assert client.post("/_dash-update-component", headers=HERE, json=body).status_code in (200, 204)
+
+    told(drawn, clicked, clicks={})
+    assert asked == []
+    told(drawn, clicked, clicks={"add": 1})
+    told(clicked, drawn, clicks={"add": 1})
+    told(clicked, clicks={"add": 2})
+    assert asked == [clicked] * 3
 
 
 def test_too_large_a_body_is_refused_with_a_sentence(client: Any) -> None:
