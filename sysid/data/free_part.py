@@ -3,7 +3,8 @@
 A hand's torque is in no model and bends every number. It shows because a machine without a drive only loses energy. No
 swing goes further from the rest than the first; so what comes before the machine leaves its furthest place for good was
 made by a hand, if it stood there or took longer than a swing does. And the machine comes to rest by itself only once
-its swings are as small as what friction holds; where it stops earlier, a hand has caught it.
+its swings are as small as what friction holds; where it stops earlier, a hand has caught it. Nor does a machine take
+longer for its first swing than for the next ones: there a hand still led it, or the logger lost time.
 
 A rest much longer than the swing, as of a logger that runs on, says nothing more, and is shortened: what is held out of
 a log would be a rest.
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.physics.ops import Array
@@ -35,6 +37,11 @@ SETTLING_BAND = 0.01
 """A machine stands at its end from where it stays within this share of the whole range."""
 LONGEST_REST, KEPT_REST = 3.0, 0.5
 """Rest behind a swing that is too long, and rest that is kept then, as multiples of the swing's duration."""
+FEWEST_PERIODS, OFF_BEAT, OUTLYING = 5, 0.05, 6.0
+"""Fewest periods that tell how long one takes; and how far the first ones may differ from that, as a share of it and in
+units of the median difference."""
+MOST_OFF_BEAT = 3
+"""Half swings, at most, that are left out since they take too long or too short."""
 FEWEST_SAMPLES = 6
 """Samples, at least, that show whether it stands, and that must be left to fit."""
 
@@ -52,6 +59,8 @@ def free_part(record: Record) -> tuple[Record, str]:
     let_go, caught = _let_go(record.theta), 0 if record.driven else _caught(record.theta)
     first = let_go if let_go >= FEWEST_SAMPLES and not np.any(record.u[:let_go]) else 0
     last = caught or len(record)
+    late = 0 if record.driven else _off_beat(record.theta[first:last])
+    first += late
     swing = 0 if record.driven or caught else _stops(record.theta) - first
     if swing >= FEWEST_SAMPLES and len(record) - first > (1.0 + LONGEST_REST) * swing:
         last = first + round((1.0 + KEPT_REST) * swing)
@@ -60,11 +69,43 @@ def free_part(record: Record) -> tuple[Record, str]:
     after, said = f"what comes after {record.t[last]:.4g} s", list[str]()
     by_hand = [f"the first {first * record.dt:.3g} s"] * (first > 0) + [after] * (caught > 0)
     if by_hand:
-        are = "are" if first else "is"
-        said.append(f"{' and '.join(by_hand)} {are} left out: without a torque a hand holds or moves it there")
+        are, why = "are" if first else "is", "without a torque a hand holds or moves it there"
+        why += ", or the logger loses time: it swings in another time than later" if late else ""
+        said.append(f"{' and '.join(by_hand)} {are} left out: {why}")
     if last < len(record) and not caught:
         said.append(f"{after} is left out: it is a long rest")
     return record.part(first, last), f"{record.name}: {'; '.join(said)}"
+
+
+def _turns(theta: Array) -> NDArray[np.intp]:
+    """The samples at which a motion (K,) turns back."""
+    from scipy.signal import find_peaks  # loads for a fifth of a second
+
+    way = float(np.ptp(theta))
+    turns = [find_peaks(own, prominence=TURNS * way)[0] for own in (theta, -theta)]
+    return np.asarray(np.sort(np.concatenate(turns)), dtype=np.intp)
+
+
+def _off_beat(theta: Array) -> int:
+    """The turn (sample) of a motion (K,) from which its periods fit the later ones; 0 if the first one does.
+
+    A period of a pendulum, over the complete elliptic integral K(sin^2(A / 2)) of its amplitude A [rad], or one of a
+    linear spring, is constant: of these two laws that one counts which the later periods follow better.
+    """
+    from scipy.special import ellipk
+
+    turns = _turns(theta)
+    if len(turns) < FEWEST_PERIODS + MOST_OFF_BEAT + 2:
+        return 0
+    way = np.abs(np.diff(theta[turns]))
+    period = (turns[2:] - turns[:-2]).astype(float)
+    amplitude = np.minimum(0.25 * (way[1:] + way[:-1]), 3.0)
+    laws = [period, period / ellipk(np.sin(0.5 * amplitude) ** 2)]
+    found = [own / np.median(own[MOST_OFF_BEAT:]) - 1.0 for own in laws]
+    differences = min(found, key=lambda own: float(np.median(np.abs(own[MOST_OFF_BEAT:]))))
+    limit = max(OFF_BEAT, OUTLYING * float(np.median(np.abs(differences[MOST_OFF_BEAT:]))))
+    off = np.abs(differences[: MOST_OFF_BEAT + 1]) > limit
+    return int(turns[np.argmin(off)]) if off[0] and not off[-1] else 0
 
 
 def _stops(theta: Array) -> int:
@@ -100,10 +141,7 @@ def _caught(theta: Array) -> int:
     With dry friction tau_c against a stiffness k, each half swing is shorter than the one before by 4 tau_c / k; other
     losses shorten it by less and less. The machine comes to rest at most tau_c / k beside the middle.
     """
-    from scipy.signal import find_peaks  # loads for a fifth of a second
-
-    way = float(np.ptp(theta))
-    turns = np.sort(np.concatenate([find_peaks(own, prominence=TURNS * way)[0] for own in (theta, -theta)]))
+    way, turns = float(np.ptp(theta)), _turns(theta)
     if len(turns) < 3:
         return 0
     places = theta[turns[-3:]]

@@ -169,9 +169,9 @@ class Confirmation:
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             sound = [own for own in fewer if self._is_sound(own, end)] or fewer
             pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
-            worse = [own for own in sound if not pay or self._is_needless(own, error)]
+            worse = [own for own in sound if not pay or self._is_needless(self._missing_from(own), self.additions)]
             if worse:
-                self.additions = min(worse, key=lambda own: self.fit_with(own)[1].ratio)
+                self.additions = self._next_without(worse)
                 continue
             rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
             nothing = [a for a in self.additions if is_nothing(end, a.name, self.settings.sure)]
@@ -202,11 +202,29 @@ class Confirmation:
         """Whether additions are plausible without one more; and, if that is a common one, the rare ones among them are
         what they were. With quite other numbers they are another explanation, which no search has found."""
         fit, _ = self.fit_with(fewer)
-        (left,) = (a for a in self.additions if a not in fewer)
+        left = self._missing_from(fewer)
         rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
         others = any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
         common = CATALOGUE[left.name].rarity < self.settings.rare
         return not (common and others) and is_plausible(fit, names_added(fewer))
+
+    def _next_without(self, worse: Sequence[list[Addition]]) -> list[Addition]:
+        """Of several that each lack a needless addition, the one of the least error. If it lacks a common addition that
+        raises no error and would pay without a rare one, which is needless too, that rare one goes in its place."""
+        by_error = sorted(worse, key=lambda own: self.fit_with(own)[1].ratio)
+        best, common = by_error[0], self._missing_from(by_error[0])
+        lower = (1.0 - self.settings.tolerance) * self.fit_with(self.additions)[1].ratio
+        if self._rarity(common.name) < self.settings.rare and self.fit_with(best)[1].ratio >= lower:
+            for own in by_error[1:]:
+                rare = self._rarity(self._missing_from(own).name) >= self.settings.rare
+                if rare and not self._is_needless(common, own):
+                    return own
+        return best
+
+    def _missing_from(self, fewer: Sequence[Addition]) -> Addition:
+        """The one addition that `fewer` lack."""
+        (left,) = (a for a in self.additions if a not in fewer)
+        return left
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
@@ -216,11 +234,12 @@ class Confirmation:
                 return True
         return False
 
-    def _is_needless(self, fewer: Sequence[Addition], error: HeldOutError) -> bool:
-        """Whether the addition that `fewer` lack does not lower the held-out error by as much as it has to. If nothing
-        remains with it, and something without it, it need not lower that error. If nothing remains without it beside an
-        error that readings share, a rare one is needless: it is likelier a part of that error."""
-        (left,) = (a for a in self.additions if a not in fewer)
+    def _is_needless(self, left: Addition, among: Sequence[Addition]) -> bool:
+        """Whether one `among` additions does not lower the held-out error by as much as it has to. If nothing remains
+        with it, and something without it, it need not lower that error. If nothing remains without it beside an error
+        that readings share, a rare one is needless: it is likelier a part of that error."""
+        end, error = self.fit_with(among)
+        fewer = [a for a in among if a is not left]
         poorer, its_error = self.fit_with(fewer)
         without, least = its_error.ratio, self.settings.tolerance
         rarity = self._rarity(left.name)
@@ -233,7 +252,6 @@ class Confirmation:
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
-        end = self.fit_with(self.additions)[0]
         if rarity >= self.settings.rare and not self._another_pays(end):
             return False
         return self._remains(end) or not self._remains(poorer)

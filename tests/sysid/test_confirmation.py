@@ -191,6 +191,16 @@ def test_with_which_nothing_remains_a_rare_effect_need_not_lower_the_held_out_er
     assert "tilt" not in names_added(raised.additions)
 
 
+def test_of_two_that_are_needless_the_rarer_one_goes_first() -> None:
+    """The errors of a filmed pendulum with two frictions and a drift, for which the tilt stands here: without the dry
+    friction less is lost than without the drift, and then the drift is too rare for what it explains."""
+    errors = {(): 23.02, ("coulomb",): 9.33, ("tilt",): 22.94, ("viscous",): 3.66}
+    errors |= {("coulomb", "tilt"): 9.17, ("coulomb", "viscous"): 3.47, ("tilt", "viscous"): 3.22, NAMES: 3.21}
+    with scripted():
+        found = Scripted(errors, frozenset(), TILT_IS_RARE)
+    assert names_added(found.additions) == ("coulomb", "viscous")
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives

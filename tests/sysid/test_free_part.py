@@ -87,6 +87,18 @@ def test_swings_before_a_stronger_push_are_kept() -> None:
     assert free_part(record) == (record, "")
 
 
+@pytest.mark.parametrize("lost", (0.15, -0.12))
+@pytest.mark.parametrize("theta", (0.8, 2.2))
+def test_a_first_swing_in_which_time_is_lost_is_left_out(theta: float, lost: float) -> None:
+    """A logger that stops for a moment, or a hand that leads the pendulum, bends the first period by a sixth."""
+    own = swing(math.pi + theta)
+    at, change = round(0.9 * PERIOD / DT), round(lost * PERIOD / DT)
+    bent = np.concatenate([own[:at], np.full(max(change, 0), own[at]), own[at + max(-change, 0) :]])
+    record, said = free_part(logged(bent, noise=3e-4))
+    assert 0.9 * PERIOD < record.t[0] < 2.0 * PERIOD
+    assert "in another time than later" in said
+
+
 def caught(seconds: float, stands: float) -> np.ndarray:
     """A swing that a hand stops within a tenth of a second, and holds."""
     free = swing(math.pi + 1.0, seconds=seconds)
