@@ -3,8 +3,8 @@
 A hand's torque is in no model and bends every number. It shows because a machine without a drive only loses energy. No
 swing goes further from the rest than the first; so what comes before the machine leaves its furthest place for good was
 made by a hand, if it stood there or took longer than a swing does. And the machine comes to rest by itself only once
-its swings are as small as what friction holds; where it stops earlier, a hand has caught it. Nor does a machine take
-longer for its first swing than for the next ones: there a hand still led it, or the logger lost time.
+its swings are as small as what friction holds; where it stops earlier, a hand has caught it. Where its first period is
+not what the later ones let expect, a hand still led it, or the logger lost time.
 
 A rest much longer than the swing, as of a logger that runs on, says nothing more, and is shortened: what is held out of
 a log would be a rest.
@@ -37,10 +37,10 @@ SETTLING_BAND = 0.01
 """A machine stands at its end from where it stays within this share of the whole range."""
 LONGEST_REST, KEPT_REST = 3.0, 0.5
 """Rest behind a swing that is too long, and rest that is kept then, as multiples of the swing's duration."""
-FEWEST_PERIODS, OFF_BEAT, OUTLYING = 5, 0.05, 6.0
-"""Fewest periods that tell how long one takes; and how far the first ones may differ from that, as a share of it and in
-units of the median difference."""
-MOST_OFF_BEAT = 3
+FEWEST_PERIODS, LARGEST_DEVIATION, OUTLYING = 5, 0.05, 6.0
+"""Fewest periods that tell how long one takes; and how far the first ones may deviate from that, as a share of it and
+in units of the median deviation."""
+MOST_IRREGULAR = 3
 """Half swings, at most, that are left out since they take too long or too short."""
 FEWEST_SAMPLES = 6
 """Samples, at least, that show whether it stands, and that must be left to fit."""
@@ -59,8 +59,8 @@ def free_part(record: Record) -> tuple[Record, str]:
     let_go, caught = _let_go(record.theta), 0 if record.driven else _caught(record.theta)
     first = let_go if let_go >= FEWEST_SAMPLES and not np.any(record.u[:let_go]) else 0
     last = caught or len(record)
-    late = 0 if record.driven else _off_beat(record.theta[first:last])
-    first += late
+    irregular = 0 if record.driven else _irregular(record.theta[first:last])
+    first += irregular
     swing = 0 if record.driven or caught else _stops(record.theta) - first
     if swing >= FEWEST_SAMPLES and len(record) - first > (1.0 + LONGEST_REST) * swing:
         last = first + round((1.0 + KEPT_REST) * swing)
@@ -70,7 +70,7 @@ def free_part(record: Record) -> tuple[Record, str]:
     by_hand = [f"the first {first * record.dt:.3g} s"] * (first > 0) + [after] * (caught > 0)
     if by_hand:
         are, why = "are" if first else "is", "without a torque a hand holds or moves it there"
-        why += ", or the logger loses time: it swings in another time than later" if late else ""
+        why += ", or the logger loses time: it swings in another time than later" if irregular else ""
         said.append(f"{' and '.join(by_hand)} {are} left out: {why}")
     if last < len(record) and not caught:
         said.append(f"{after} is left out: it is a long rest")
@@ -86,7 +86,7 @@ def _turns(theta: Array) -> NDArray[np.intp]:
     return np.asarray(np.sort(np.concatenate(turns)), dtype=np.intp)
 
 
-def _off_beat(theta: Array) -> int:
+def _irregular(theta: Array) -> int:
     """The turn (sample) of a motion (K,) from which its periods fit the later ones; 0 if the first one does.
 
     A period of a pendulum, over the complete elliptic integral K(sin^2(A / 2)) of its amplitude A [rad], or one of a
@@ -94,17 +94,17 @@ def _off_beat(theta: Array) -> int:
     """
     from scipy.special import ellipk
 
-    turns = _turns(theta)
-    if len(turns) < FEWEST_PERIODS + MOST_OFF_BEAT + 2:
+    turns, later = _turns(theta), slice(MOST_IRREGULAR, None)
+    if len(turns) < FEWEST_PERIODS + MOST_IRREGULAR + 2:
         return 0
     way = np.abs(np.diff(theta[turns]))
     period = (turns[2:] - turns[:-2]).astype(float)
     amplitude = np.minimum(0.25 * (way[1:] + way[:-1]), 3.0)
-    laws = [period, period / ellipk(np.sin(0.5 * amplitude) ** 2)]
-    found = [own / np.median(own[MOST_OFF_BEAT:]) - 1.0 for own in laws]
-    differences = min(found, key=lambda own: float(np.median(np.abs(own[MOST_OFF_BEAT:]))))
-    limit = max(OFF_BEAT, OUTLYING * float(np.median(np.abs(differences[MOST_OFF_BEAT:]))))
-    off = np.abs(differences[: MOST_OFF_BEAT + 1]) > limit
+    laws = (period, period / ellipk(np.sin(0.5 * amplitude) ** 2))
+    deviations = [np.abs(own / np.median(own[later]) - 1.0) for own in laws]
+    deviation = min(deviations, key=lambda own: float(np.median(own[later])))
+    limit = max(LARGEST_DEVIATION, OUTLYING * float(np.median(deviation[later])))
+    off = deviation[: MOST_IRREGULAR + 1] > limit
     return int(turns[np.argmin(off)]) if off[0] and not off[-1] else 0
 
 

@@ -166,12 +166,11 @@ class Confirmation:
         """
         while self.additions:
             end, error = self.fit_with(self.additions)
-            fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            sound = [own for own in fewer if self._is_sound(own, end)] or fewer
+            sound = [a for a in self.additions if self._is_sound(a, end)] or self.additions
             pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
-            worse = [own for own in sound if not pay or self._is_needless(self._missing_from(own), self.additions)]
-            if worse:
-                self.additions = self._next_without(worse)
+            needless = [a for a in sound if not pay or self._is_needless(a, self.additions)]
+            if needless:
+                self.additions = self._all_but(self._first_to_go(needless))
                 continue
             rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
             nothing = [a for a in self.additions if is_nothing(end, a.name, self.settings.sure)]
@@ -180,7 +179,7 @@ class Confirmation:
             nothing += [] if nothing else self._making_up(end)
             if not nothing:
                 break
-            self.additions = [a for a in self.additions if a is not nothing[0]]
+            self.additions = self._all_but(nothing[0])
 
     def _making_up(self, end: Fit) -> list[Addition]:
         """Of two zeros of a free swing that make up for each other, the one without which less is lost.
@@ -193,38 +192,37 @@ class Confirmation:
             return []
         found: list[tuple[float, Addition]] = []
         for left in zeros:
-            fewer, error = self.fit_with([a for a in self.additions if a is not left])
+            fewer, error = self.fit_with(self._all_but(left))
             if any(self._swells(a.name, fewer, end) for a in zeros if a is not left):
                 found.append((error.ratio, left))
         return [min(found, key=lambda own: own[0])[1]] if found else []
 
-    def _is_sound(self, fewer: Sequence[Addition], end: Fit) -> bool:
-        """Whether additions are plausible without one more; and, if that is a common one, the rare ones among them are
-        what they were. With quite other numbers they are another explanation, which no search has found."""
+    def _all_but(self, left: Addition) -> list[Addition]:
+        """The additions without one of them."""
+        return [a for a in self.additions if a is not left]
+
+    def _is_sound(self, left: Addition, end: Fit) -> bool:
+        """Whether the other additions are plausible without one more; and, if that is a common one, the rare ones among
+        them are what they were. With quite other numbers they are another explanation, which no search has found."""
+        fewer = self._all_but(left)
         fit, _ = self.fit_with(fewer)
-        left = self._missing_from(fewer)
         rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
         others = any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
         common = CATALOGUE[left.name].rarity < self.settings.rare
         return not (common and others) and is_plausible(fit, names_added(fewer))
 
-    def _next_without(self, worse: Sequence[list[Addition]]) -> list[Addition]:
-        """Of several that each lack a needless addition, the one of the least error. If it lacks a common addition that
-        raises no error and would pay without a rare one, which is needless too, that rare one goes in its place."""
-        by_error = sorted(worse, key=lambda own: self.fit_with(own)[1].ratio)
-        best, common = by_error[0], self._missing_from(by_error[0])
-        lower = (1.0 - self.settings.tolerance) * self.fit_with(self.additions)[1].ratio
-        if self._rarity(common.name) < self.settings.rare and self.fit_with(best)[1].ratio >= lower:
-            for own in by_error[1:]:
-                rare = self._rarity(self._missing_from(own).name) >= self.settings.rare
-                if rare and not self._is_needless(common, own):
-                    return own
-        return best
-
-    def _missing_from(self, fewer: Sequence[Addition]) -> Addition:
-        """The one addition that `fewer` lack."""
-        (left,) = (a for a in self.additions if a not in fewer)
-        return left
+    def _first_to_go(self, needless: Sequence[Addition]) -> Addition:
+        """Of several needless additions, the one without which the error is least. If that is a common one that raises
+        no error and would pay without a rare one, which is needless too, that rare one goes in its place."""
+        ratio = {a.name: self.fit_with(self._all_but(a))[1].ratio for a in needless}
+        first, *others = sorted(needless, key=lambda a: ratio[a.name])
+        present = self.fit_with(self.additions)[1].ratio
+        common = self._rarity(first.name) < self.settings.rare
+        if common and ratio[first.name] >= (1.0 - self.settings.tolerance) * present:
+            for other in others:
+                if self._rarity(other.name) >= self.settings.rare and not self._is_needless(first, self._all_but(other)):
+                    return other
+        return first
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
@@ -289,7 +287,7 @@ class Confirmation:
             return None
         torque = self.torque(end)
         for addition in self.additions:
-            fewer, its_error = self.fit_with([a for a in self.additions if a is not addition])
+            fewer, its_error = self.fit_with(self._all_but(addition))
             if not math.isfinite(its_error.ratio):  # without it the model runs away
                 continue
             without = self.torque(fewer).after

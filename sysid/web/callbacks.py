@@ -40,7 +40,7 @@ def session_name(search: str | None) -> str | None:
     return next(iter(parse_qs((search or "").lstrip("?")).get("session", [])), None)
 
 
-def pressed() -> Mapping[str, Any] | None:
+def pressed_button() -> Mapping[str, Any] | None:
     """The button that was pressed; the same request may tell of buttons that were just drawn, which have no click."""
     clicks = {told["prop_id"]: told["value"] for told in ctx.triggered}
     return next((button for name, button in ctx.triggered_prop_ids.items() if clicks[name]), None)
@@ -102,7 +102,7 @@ class PageCallbacks:
 
     def act(self, *given: Any) -> tuple[Any, Any]:
         """A button was pressed; what cannot be done is said where work is shown."""
-        clicked, own = pressed(), self.session(given[-1])
+        clicked, own = pressed_button(), self.session(given[-1])
         if clicked is None:
             return no_update, no_update
         fields = {state["id"]["field"]: state.get("value") for state in ctx.states_list[0]}
