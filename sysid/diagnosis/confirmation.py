@@ -220,7 +220,8 @@ class Confirmation:
         common = self._rarity(first.name) < self.settings.rare
         if common and ratio[first.name] >= (1.0 - self.settings.tolerance) * present:
             for other in others:
-                if self._rarity(other.name) >= self.settings.rare and not self._is_needless(first, self._all_but(other)):
+                rare = self._rarity(other.name) >= self.settings.rare
+                if rare and not self._is_needless(first, self._all_but(other)):
                     return other
         return first
 
