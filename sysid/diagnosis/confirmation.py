@@ -13,7 +13,7 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, squared_size
+from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, shows_in_balance, squared_size
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
@@ -235,8 +235,9 @@ class Confirmation:
 
     def _is_needless(self, left: Addition, among: Sequence[Addition]) -> bool:
         """Whether one `among` additions does not lower the held-out error by as much as it has to. If nothing remains
-        with it, and something without it, it need not lower that error. If nothing remains without it beside an error
-        that readings share, a rare one is needless: it is likelier a part of that error."""
+        with it, and something without it, or if an energy balance shows it, it need not lower that error. If nothing
+        remains without it beside an error that readings share, a rare one is needless: it is likelier a part of that
+        error."""
         end, error = self.fit_with(among)
         fewer = [a for a in among if a is not left]
         poorer, its_error = self.fit_with(fewer)
@@ -251,6 +252,8 @@ class Confirmation:
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
+        if shows_in_balance(poorer.model, end, self.settings):
+            return False
         if rarity >= self.settings.rare and not self._another_pays(end):
             return False
         return self._remains(end) or not self._remains(poorer)

@@ -95,12 +95,20 @@ def at_bound(found: Fit, name: str) -> bool:
     return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
 
 
+def shows_in_balance(before: Model, after: Fit, settings: SearchSettings) -> bool:
+    """Whether a fit takes the losses of a free swing better than the model `before`, by enough to matter."""
+    balance = after.balance
+    return balance is not None and balance.deviance(before) - balance.deviance(after.model) > settings.balanced
+
+
 def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
-    """Whether predictions of the two models differ by so much that it matters.
+    """Whether predictions of the two models differ by so much that it matters, or their energy balances do.
 
     The RMS difference has to exceed `noise_share` of the sensor noise, and sqrt(1 - (1 - tolerance)^2) of the error
     beyond the noise: the difference that lowers the error by the share `tolerance`.
     """
+    if shows_in_balance(before, after, settings):
+        return True
     size, error = moved(before, after.model, after, settings.ahead)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)

@@ -28,7 +28,7 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, reduced, settled, without_free
+from sysid.estimation.refits import balanced, extended, reduced, settled, with_energy_balance, without_free
 from sysid.estimation.scores import Score, collinearity, price, scores
 from sysid.estimation.solver import QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
@@ -96,6 +96,7 @@ class Search:
         now, self.given = base, base.model.effects
         for k in range(self.settings.steps):
             logger.debug(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
+            now = with_energy_balance(now)
             self.last = scores(now, self.effects)
             self.left.clear()
             self.first = self.first or self.last
@@ -158,7 +159,17 @@ class Search:
         for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
             if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
                 self._try(now, simpler, tried)
+        self._try_balanced(now, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _try_balanced(self, now: Fit, tried: list[Trial]) -> None:
+        """Fit the frictions that explain the losses of a free swing best, beginning at their sizes."""
+        present = {e.name for e in now.model.effects}
+        begin = [e for e in now.balance.frictions if e.name not in present] if now.balance else []
+        new = tuple(e.name for e in begin)
+        visible = all(n in self.last and self.last[n].visible for n in new)
+        if new and visible and all(set(new) != set(t.effects) for t in tried):
+            self._try(now, new, tried, begin)
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""
@@ -182,7 +193,7 @@ class Search:
         names = tuple(e.name for e in helped.model.effects if e.name not in {own.name for own in now.model.effects})
         if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
             return []
-        found, tried = helped, list[Trial]()
+        found, tried = balanced(helped, now.balance), list[Trial]()
         for name in reversed(names):
             tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))
             if len(names) < 3:

@@ -81,6 +81,9 @@ class SearchSettings:
     farther, another : float
         A model leaves far more torque missing than friction along the motion if it is so many times as much, and has
         quite another inertia than the torque shows if one is so many times the other.
+    balanced : float
+        Decrease of the deviance of an energy balance (`EnergyBalance`) from which an effect matters, however little
+        predictions show of it.
     largest_noise : float
         Errors of so many times the noise cannot mean that the noise was given too small: something remains.
     recurrences : float
@@ -127,6 +130,7 @@ class SearchSettings:
     swollen: float = 3.0
     farther: float = 1.5
     another: float = 1.5
+    balanced: float = 10.0
     largest_noise: float = 10.0
     recurrences: float = 2.0
     blocks: int = BLOCKS

@@ -190,9 +190,11 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     size = np.linalg.norm(Z, axis=0)
     free[free] = size > 0.0
     Z = Z[:, size > 0.0] / size[size > 0.0]
-    rest = Z[~rows]
+    B, balance = fit.balance_rows
+    B = B[:, free] / size[size > 0.0]
+    rest = np.concatenate([Z[~rows], B])
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
-    step[free] = np.linalg.solve(N, rest.T @ e[~rows]) / size[size > 0.0]
+    step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
     numbers = np.clip(p + step, low, high).tolist()
     return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))

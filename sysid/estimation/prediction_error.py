@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.disturbances import CORRELATION_TIMES, NO_DISTURBANCE, Disturbances
+from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import maximum_likelihood
@@ -46,6 +47,7 @@ class Fit:
     Z (2 M, P)       sensitivities of the whitened innovations to the parameters
     prior            what is known of the parameters before any reading
     converged        whether another step would change nothing
+    balance          the energy balance of a free swing, if it is read beside the readings
     """
 
     samples: Samples
@@ -56,6 +58,7 @@ class Fit:
     Z: Array
     prior: Prior
     converged: bool
+    balance: EnergyBalance | None = None
 
     @property
     def disturbances(self) -> Disturbances:
@@ -72,16 +75,24 @@ class Fit:
         """Innovations (2 M,)."""
         return self.filter.innovations.ravel()
 
-    @property
+    @cached_property
     def deviance(self) -> float:
         """-2 log likelihood with the prior, up to a constant that depends on the sensor alone; a reading that the model
         cannot use counts 1, as if it were explained to the noise."""
-        return self.filter.deviance + self.linearised.unused + self.prior.deviance(self.values)
+        of_balance = self.balance.deviance(self.model) if self.balance else 0.0
+        return self.filter.deviance + self.linearised.unused + self.prior.deviance(self.values) + of_balance
 
     @property
     def values(self) -> Array:
         """The fitted numbers (P,)."""
         return numbers_of(self.model, self.names)
+
+    @cached_property
+    def balance_rows(self) -> tuple[Array, Array]:
+        """Sensitivities B (K, P) and errors (K,) of the energy balance; without one K is 0."""
+        if self.balance is None or not self.names:
+            return np.zeros((0, len(self.names))), np.zeros(0)
+        return self.balance.rows(self.model, self.names)
 
     @cached_property
     def basis(self) -> Array:
@@ -119,7 +130,8 @@ class Fit:
     @cached_property
     def likelihood_covariance(self) -> Array:
         """The covariance (P, P) from the likelihood's curvature."""
-        return inverse(self.Z.T @ self.Z)
+        B, _ = self.balance_rows
+        return inverse(self.Z.T @ self.Z + B.T @ B)
 
     @cached_property
     def wider(self) -> Array:
@@ -139,12 +151,14 @@ class Fit:
         1 without disturbances, and if the readings leave a direction undetermined."""
         if self.undisturbed or not np.all(np.isfinite(self.likelihood_covariance)):
             return np.ones(len(self.names))
-        size = np.linalg.norm(self.Z, axis=0)
-        Z, e = self.Z / size, self.e
-        N = Z.T @ Z
+        B, _ = self.balance_rows
+        size = np.linalg.norm(np.concatenate([self.Z, B]), axis=0)
+        Z, B, e = self.Z / size, B / size, self.e
+        N = Z.T @ Z + B.T @ B
         moved = [np.linalg.solve(N - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
-        scatter: Array = np.sum(np.square(moved), axis=0) / np.diag(self.likelihood_covariance)
-        return scatter
+        of_balance = np.linalg.norm(np.linalg.solve(N, B.T), axis=1) / size
+        sd = np.sqrt(np.sum(np.square(moved), axis=0)) + of_balance
+        return np.asarray(sd**2 / np.diag(self.likelihood_covariance))
 
     @cached_property
     def _stretches(self) -> list[slice]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import THOROUGH, Settings, fit_parameters, large_disturbances
 from sysid.physics.effects import Effect
@@ -28,8 +29,20 @@ def settled(found: Fit) -> Fit:
     if after.converged:
         return after
     large = large_disturbances(found.samples).with_memory(found.disturbances.T)
-    anew = fit_parameters(found.samples, found.model, found.names, disturbances=large)
+    anew = fit_parameters(found.samples, found.model, found.names, disturbances=large, balance=found.balance)
     return min(after, anew, key=lambda own: own.deviance)
+
+
+def with_energy_balance(found: Fit) -> Fit:
+    """The fit with the energy balance read beside it, if it is one of free swings and needs a random torque."""
+    if found.undisturbed or found.model.damping in found.names:
+        return found
+    return balanced(found, EnergyBalance.of(found.samples, found.model))
+
+
+def balanced(found: Fit, balance: EnergyBalance | None) -> Fit:
+    """The fit with this energy balance read beside it; the same fit if there is none."""
+    return found if balance is None else fit_parameters(found.samples, found.model, found.names, found, balance=balance)
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:

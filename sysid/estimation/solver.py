@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
@@ -78,10 +79,12 @@ def fit_parameters(
     near: Fit | None = None,
     disturbances: Disturbances | None = None,
     settings: Settings = THOROUGH,
+    balance: EnergyBalance | None = None,
 ) -> Fit:
     """Find the likeliest parameters, beginning at the model's numbers.
 
     near           a fit whose motion, prior and disturbances this one begins with; by default the smoothed readings
+    balance        the energy balance that is read beside the readings; by default that of `near`, if it has one
     disturbances   where the sizes of the disturbances begin; their correlation times stay. By default those of `near`,
                    else large ones (`large_disturbances`)
     """
@@ -90,6 +93,8 @@ def fit_parameters(
         disturbances = near.disturbances if near else large_disturbances(samples)
     motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     known = (near.prior, near.names) if near else (None, ())
+    if balance is None and near is not None:
+        balance = near.balance
     extent = shown_extent(samples, model)
     prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
     limits = _Limits.of(samples, model, names, prior, settings, extent)
@@ -109,14 +114,15 @@ def fit_parameters(
         Z, now = here.whiten(G, R), numbers_of(model, names)
         if not np.all(np.isfinite(Z)):  # the model runs away from the readings within a sample
             break
-        step = _step(here, Z, prior, now, limits)
+        beside = balance.rows(model, names) if balance and names else None
+        step = _step(here, Z, prior, now, limits, beside)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         step = limits.shortened(step, now, settings.stride)
         converged = progress.ended(k, moved, here.deviance, restless)
         if converged:
             break
         if best is None or here.deviance < best.filter.deviance:
-            best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
+            best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False, balance)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
         to_and_fro = k > 1 and moved > settings.wanders
@@ -127,7 +133,7 @@ def fit_parameters(
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
-    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged, balance)
 
 
 @dataclass
@@ -209,11 +215,13 @@ class _Limits:
         return np.minimum(filter.sd[:, filter.system.driving], self.widest)
 
 
-def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -> Array:
-    """The Gauss-Newton step (P,) of the numbers, from the innovations and the prior."""
-    rows, rest = prior.rows(now)
-    below = np.concatenate([Z, rows]), np.concatenate([filter.innovations.ravel(), rest])
-    return bounded_step(*below, limits.low - now, limits.high - now)
+def _step(
+    filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits, beside: tuple[Array, Array] | None
+) -> Array:
+    """The Gauss-Newton step (P,) of the numbers, from the innovations, the prior and the rows of an energy balance."""
+    parts = [(Z, filter.innovations.ravel()), prior.rows(now), *([beside] if beside else [])]
+    rows, rest = (np.concatenate(own) for own in zip(*parts, strict=True))
+    return bounded_step(rows, rest, limits.low - now, limits.high - now)
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:

@@ -1,0 +1,281 @@
+"""Energy balance: what a free swing loses between one turning point and the next, against what its frictions take.
+
+Between two turning points of a free swing the torque without friction does a certain work W, which the frictions take:
+
+    W = integral of tau(theta) dtheta = integral of (friction torque against the motion) |theta_dot| dt + e
+
+What depends on the angle alone, such as a pattern of the scale or a stiffening of the spring, does no net work over
+whole swings. A random torque, which stands for it in a fit, does: beside one as large as such errors, the slow fall of
+the amplitude would be a matter of chance, and the log would tell no friction from another. So the balance of every half
+swing is read beside the angles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from sysid.estimation.linearisation import Samples
+from sysid.physics.effects import Effect, effect
+from sysid.physics.effects.effect import Stretch
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+
+FRICTIONS = ("coulomb", "viscous", "drag")
+"""Frictions of degree 0, 1 and 2 in the speed, which a fall of the amplitude can tell from each other."""
+FEWEST = 8
+"""Half swings, at least, of which a balance is made."""
+SMALLEST_WAY, LEAST_SPEED = 0.03, 0.03
+"""A half swing counts if it goes this share of the furthest one's way, and reaches this share of the RMS speed."""
+SHARED = (0.0, 0.5, 0.9, 0.99)
+"""Shares of a turning point's error that go into both half swings beside it, with opposite signs."""
+OUTLYING = 5.0
+"""A half swing whose balance errs by more than so many standard deviations is left out: time was lost in it, say."""
+PRICE = 2.0
+"""Decrease of the deviance that a friction has to bring beyond the logarithm of the number of half swings."""
+PLACES = 41
+"""Places from one turning point to the next at which a torque is integrated."""
+LEAST_TORQUE = 1e-3
+"""Share of the torque at the turning points below which another model has none that brings the joint back."""
+ROBUST_SD = 1.4826
+"""The sd of normal errors in units of their median absolute deviation."""
+
+
+class HalfSwing(NamedTuple):
+    """A motion from one turning point to the next, both included.
+
+    theta, theta_dot, t (K,)   the motion [rad], [rad/s], and the time since its record began [s]
+    intervals                  the samples' intervals that it goes through
+    record                     the index of its record
+    """
+
+    theta: Array
+    theta_dot: Array
+    t: Array
+    intervals: slice
+    record: int
+
+
+def half_swings(samples: Samples) -> list[HalfSwing]:
+    """The half swings of all records along the smoothed readings, without those in which the joint hardly moves."""
+    found = [own for record in range(len(samples.records)) for own in _of_record(samples, record)]
+    ways = [abs(own.theta[-1] - own.theta[0]) for own in found]
+    return [own for own, way in zip(found, ways, strict=True) if way > SMALLEST_WAY * max(ways)]
+
+
+def _of_record(samples: Samples, record: int) -> Iterator[HalfSwing]:
+    first, after = samples.first[record : record + 2].tolist()
+    theta, theta_dot = samples.smoothed[first:after].T
+    t, dt = samples.time_since_start[first:after], samples.dt
+    least = LEAST_SPEED * math.sqrt(float(np.mean(theta_dot**2)))
+    turns: list[tuple[int, float, float]] = []
+    for i in np.flatnonzero(theta_dot[1:] * theta_dot[:-1] < 0.0).tolist():
+        if turns and np.max(np.abs(theta_dot[turns[-1][0] : i + 2])) < least:
+            continue
+        share = theta_dot[i] / (theta_dot[i] - theta_dot[i + 1])
+        turns.append((i, theta[i] + 0.5 * dt * share * theta_dot[i], t[i] + share * dt))
+    for (i, from_angle, begin), (j, to_angle, end) in pairwise(turns):
+        yield HalfSwing(
+            np.concatenate([[from_angle], theta[i + 1 : j + 1], [to_angle]]),
+            np.concatenate([[0.0], theta_dot[i + 1 : j + 1], [0.0]]),
+            np.concatenate([[begin], t[i + 1 : j + 1], [end]]),
+            slice(first + i, first + j + 1),
+            record,
+        )
+
+
+class Work(NamedTuple):
+    """What N half swings lose by a model's torque without friction.
+
+    loss (N,)    W over the torque at the turning points: the errors of a loss are those of angles [rad]
+    zero (N,)    how the loss changes with the zero of the angle
+    torque (N,)  RMS torque at the two turning points [N m]
+    """
+
+    loss: Array
+    zero: Array
+    torque: Array
+
+
+class Path:
+    """N half swings one after the other: theta, theta_dot, t (K,) along them, and `places` (N, PLACES) between their
+    turning points. `adjacent` (N-1,) says which of them share a turning point with the next."""
+
+    def __init__(self, samples: Samples, found: Sequence[HalfSwing]) -> None:
+        self.samples, self.found = samples, found
+        self.theta, self.theta_dot, self.t = (np.concatenate([own[i] for own in found]) for i in range(3))
+        ends = np.cumsum([len(own.t) for own in found])
+        self.begins = np.concatenate([[0], ends[:-1]])
+        self.steps = np.diff(self.t, append=0.0)
+        self.steps[ends - 1] = 0.0
+        self.places = np.array([np.linspace(own.theta[0], own.theta[-1], PLACES) for own in found])
+        self.adjacent = np.array([a.record == b.record and a.t[-1] == b.t[0] for a, b in pairwise(found)], dtype=bool)
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    def integral(self, rate: Array) -> Array:
+        """The integral (N,) of a rate (K,) over the time of each half swing."""
+        return np.add.reduceat(0.5 * (rate + np.append(rate[1:], 0.0)) * self.steps, self.begins)
+
+    def work(self, model: Model) -> Work:
+        """The work of a model's torque without friction."""
+        theta = self.places - self._zero(model)
+        still = np.zeros_like(theta)
+        t = still + self.t[self.begins][:, None]
+        torque = model.inertia() * (still + model.acceleration(theta, still, t, still))
+        done = np.sum(0.5 * (torque[:, 1:] + torque[:, :-1]) * np.diff(theta, axis=1), axis=1)
+        at_turns = np.sqrt(0.5 * (torque[:, 0] ** 2 + torque[:, -1] ** 2))
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a model that nothing brings back
+            return Work(done / at_turns, (torque[:, -1] - torque[:, 0]) / at_turns, at_turns)
+
+    def taken(self, model: Model) -> Array:
+        """What the frictions of a model take [J] along each half swing (N,)."""
+        theta, speed, still = self.theta - self._zero(model), self.theta_dot, np.zeros_like(self.theta)
+        forward, backward = model.deceleration(theta, speed, self.t, still)
+        dry = np.where(speed > 0.0, forward, backward) * np.abs(speed)
+        at_rest, moving = (model.acceleration(theta, own, self.t, still) for own in (still, speed))
+        found = self.integral(model.inertia() * (dry + (at_rest - moving) * speed))
+        return found - self._done_inside(model) if model.dynamic_effects else found
+
+    def _done_inside(self, model: Model) -> Array:
+        """The work [J] of the effects that have states of their own, on the joint."""
+        samples = self.samples
+        speed = samples.smoothed[:, 1]
+        stretch = Stretch(samples.dt, speed, np.append(speed[1:], 0.0), np.diff(samples.smoothed[:, 0], append=0.0))
+        done = np.zeros(len(samples) + 1)
+        for own in model.dynamic_effects:
+            torque, _, _ = own.follow(tuple(samples.follow_smoothed([own])[0].T), stretch)
+            done[1:] += np.cumsum(torque * stretch.travel)
+        return np.array([done[own.intervals.stop] - done[own.intervals.start] for own in self.found])
+
+    def _zero(self, model: Model) -> float:
+        """By how much the model's sensor reads too large, on average [rad]."""
+        if not model.output_effects:
+            return 0.0
+        readings = self.samples.smoothed
+        return float(np.mean((self.samples.read(model, readings) - readings)[:, 0]))
+
+
+class _Balanced(NamedTuple):
+    """A balance fitted with frictions of given shapes: its deviance, their sizes, the errors (N,), and the Cholesky
+    factor L (K, K) of the covariance of the K that count."""
+
+    deviance: float
+    sizes: list[float]
+    errors: Array
+    L: Array
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyBalance:
+    """The balances of N half swings of a log, of which K count, as readings of what frictions take.
+
+    path         the half swings
+    counts (N,)  which of them count
+    L (K, K)     Cholesky factor of the covariance of their errors
+    zero (K,)    direction in which an error of the zero moves the whitened errors, of length 1
+    work         of the model for which the covariance was found
+    frictions    those of FRICTIONS that explain the losses best, with their sizes
+    """
+
+    path: Path
+    counts: NDArray[np.bool_]
+    L: Array
+    zero: Array
+    work: Work
+    frictions: tuple[Effect, ...]
+
+    @classmethod
+    def of(cls, samples: Samples, model: Model) -> EnergyBalance | None:
+        """The balance of free swings; None for driven ones, with few half swings, or if nothing brings the joint back.
+
+        The covariance and the half swings that count are found beside the likeliest frictions, whatever the model has.
+        """
+        found = [] if samples.driven else half_swings(samples)
+        if len(found) < FEWEST:
+            return None
+        path = Path(samples, found)
+        work = path.work(model)
+        if not np.all(work.torque > 0.0):
+            return None
+        speed = np.abs(path.theta_dot)
+        columns = np.column_stack([path.integral(speed**n) for n in (1, 2, 3)]) / work.torque[:, None]
+        counts = np.ones(len(path), dtype=bool)
+        for _ in range(3):
+            errors = _balanced(path, work, columns, counts).errors
+            off = np.abs(errors - np.median(errors[counts]))
+            counts = off < OUTLYING * ROBUST_SD * float(np.median(off[counts]))
+        sets = [own for n in (1, 2, 3) for own in combinations(range(3), n)]
+        fitted = {own: _balanced(path, work, columns[:, own], counts) for own in sets}
+        each = math.log(len(path)) + PRICE
+        best = min(sets, key=lambda own: fitted[own].deviance + each * len(own))
+        zero = solve_triangular(fitted[best].L, work.zero[counts], lower=True)
+        sizes = zip(best, fitted[best].sizes, strict=True)
+        frictions = tuple(_with_size(FRICTIONS[k], size) for k, size in sizes if size > 0.0)
+        return cls(path, counts, fitted[best].L, zero / max(float(np.linalg.norm(zero)), 1e-300), work, frictions)
+
+    def errors(self, model: Model) -> Array:
+        """What the frictions of a model do not take of the losses (K,), in standard deviations, whatever the zero.
+
+        A model that nothing brings back takes nothing: its errors are the losses that the balance was made of.
+        """
+        work = self.path.work(model)
+        left = work.loss - self.path.taken(model) / work.torque
+        if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.isfinite(left))):
+            left = self.work.loss
+        white = solve_triangular(self.L, left[self.counts], lower=True)
+        return np.asarray(white - self.zero * (self.zero @ white))
+
+    def deviance(self, model: Model) -> float:
+        """-2 log likelihood of the balance, up to a constant. If the errors are larger than their standard deviations,
+        these are scaled up to them."""
+        errors = self.errors(model)
+        square = float(np.mean(errors**2))
+        return len(errors) * (1.0 + math.log(square) if square > 1.0 else square)
+
+    def rows(self, model: Model, names: Sequence[str]) -> tuple[Array, Array]:
+        """Sensitivities (K, P) and errors (K,) to append to those of the readings in a least-squares problem."""
+        errors = self.errors(model)
+        Z = np.zeros((len(errors), len(names)))
+        for i, name in enumerate(names):
+            p = model.parameters[name]
+            value, (low, high) = float(p.value), p.bounds
+            h = 1e-5 * max(abs(value), 1e-2 * min(high - low, 1.0))
+            h = h if value + h <= high else -h
+            Z[:, i] = (errors - self.errors(model.with_parameters({name: value + h}))) / h
+        scale = math.sqrt(max(float(np.mean(errors**2)), 1.0))
+        return Z / scale, errors / scale
+
+
+def _with_size(name: str, size: float) -> Effect:
+    """One of FRICTIONS with its one number."""
+    (field,) = effect(name).parameters
+    return effect(name, **{field: size})
+
+
+def _balanced(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_]) -> _Balanced:
+    """The likeliest balance with frictions that take `columns` (N, F) per size, over the shares of SHARED."""
+    fits = [_balanced_with(path, work, columns, counts, shared) for shared in SHARED]
+    return min(fits, key=lambda own: own.deviance)
+
+
+def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_], shared: float) -> _Balanced:
+    from scipy.optimize import nnls  # loads for a fifth of a second
+
+    across = np.diag(-0.5 * shared * path.adjacent, 1)
+    L = np.linalg.cholesky((np.eye(len(path)) + across + across.T)[np.ix_(counts, counts)])
+    every = np.column_stack([columns, work.zero, -work.zero])
+    white, target = (solve_triangular(L, own[counts], lower=True) for own in (every, work.loss))
+    numbers, _ = nnls(white, target)
+    variance = float(np.mean((target - white @ numbers) ** 2))
+    deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(np.diag(L))))
+    errors = work.loss - every @ numbers
+    return _Balanced(deviance, numbers[: columns.shape[1]].tolist(), errors, np.asarray(math.sqrt(variance) * L))
