@@ -163,13 +163,17 @@ class Search:
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _try_balanced(self, now: Fit, tried: list[Trial]) -> None:
-        """Fit the frictions that explain the losses of a free swing best, beginning at their sizes."""
+        """Fit the frictions that explain the losses of a free swing best, beginning at their sizes. If the same ones were
+        fitted from elsewhere, the better fit counts."""
         present = {e.name for e in now.model.effects}
         begin = [e for e in now.balance.frictions if e.name not in present] if now.balance else []
         new = tuple(e.name for e in begin)
         visible = all(n in self.last and self.last[n].visible for n in new)
-        if new and visible and all(set(new) != set(t.effects) for t in tried):
-            self._try(now, new, tried, begin)
+        if new and visible:
+            same = [t for t in tried if set(t.effects) == set(new)]
+            self._try(now, new, same, begin)
+            best = max(same, key=lambda t: t.merit, default=None)
+            tried[:] = [*(t for t in tried if t not in same), *([best] if best else [])]
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""

@@ -30,7 +30,7 @@ from sysid.physics.ops import Array
 
 FRICTIONS = ("coulomb", "viscous", "drag")
 """Frictions of degree 0, 1 and 2 in the speed, which a fall of the amplitude can tell from each other."""
-FEWEST = 8
+FEWEST = 6
 """Half swings, at least, of which a balance is made."""
 SMALLEST_WAY, LEAST_SPEED = 0.03, 0.03
 """A half swing counts if it goes this share of the furthest one's way, and reaches this share of the RMS speed."""
@@ -277,5 +277,6 @@ def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bo
     numbers, _ = nnls(white, target)
     variance = float(np.mean((target - white @ numbers) ** 2))
     deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(np.diag(L))))
-    errors = work.loss - every @ numbers
-    return _Balanced(deviance, numbers[: columns.shape[1]].tolist(), errors, np.asarray(math.sqrt(variance) * L))
+    sizes, errors = numbers[: columns.shape[1]].tolist(), work.loss - every @ numbers
+    sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 1, 1))
+    return _Balanced(deviance, sizes, errors, np.asarray(sd * L))
