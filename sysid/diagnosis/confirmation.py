@@ -150,11 +150,26 @@ class Confirmation:
             self.errors[names_added(additions)] = fit, error
             if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
+        chosen = set(names_added(self.additions))
         self._drop_needless()
+        self._return_to_earlier(chosen.difference(names_added(self.additions)))
         kept = names_added(self.additions)
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
         refined = {name for own in kept for simpler in CATALOGUE[own].refines for name in simpler}
         self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
+
+    def _return_to_earlier(self, dropped: set[str]) -> None:
+        """If what was dropped had taken the place of another addition, keep the last stage with that one in its place,
+        without its needless additions, if this lowers the held-out error by what matters."""
+        kept = self.additions
+        for additions, _ in reversed(self.search.stages):
+            if dropped.isdisjoint(names_added(additions)) and not set(names_added(additions)) <= set(names_added(kept)):
+                self.additions = list(additions)
+                self._drop_needless()
+                now, before = (self.fit_with(own)[1].ratio for own in (self.additions, kept))
+                if is_lowered(now, before, self.settings.tolerance):
+                    return
+                self.additions = kept
 
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.

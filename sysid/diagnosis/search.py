@@ -163,8 +163,8 @@ class Search:
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _try_balanced(self, now: Fit, tried: list[Trial]) -> None:
-        """Fit the frictions that explain the losses of a free swing best, beginning at their sizes; if the same ones were
-        fitted from elsewhere, the better fit counts."""
+        """Fit the frictions that explain the losses of a free swing best, beginning at their sizes; if the same ones
+        were fitted from elsewhere, the better fit counts."""
         present = {e.name for e in now.model.effects}
         begin = [e for e in now.balance.frictions if e.name not in present] if now.balance else []
         new = tuple(e.name for e in begin)

@@ -195,11 +195,13 @@ class EnergyBalance:
 
     @classmethod
     def of(cls, samples: Samples, model: Model) -> EnergyBalance | None:
-        """The balance of free swings; None for driven ones, with few half swings, or if nothing brings the joint back.
+        """The balance of free swings whose angles were read; None with few half swings, or if nothing brings the joint
+        back.
 
         The covariance and the half swings that count are found beside the likeliest frictions, whatever the model has.
         """
-        found = [] if samples.driven else half_swings(samples)
+        told = not samples.driven and bool(np.mean(samples.weight[:, 0] > 0.0) > 0.5)
+        found = half_swings(samples) if told else []
         if len(found) < FEWEST:
             return None
         path = Path(samples, found)

@@ -128,8 +128,14 @@ def test_only_free_swings_with_enough_half_swings_have_one() -> None:
     (few,) = [record.part(0, round(0.5 * FEWEST * math.pi / math.sqrt(20.0) / DT))]
     driven = replace(record, u=record.u + 0.1 * np.sin(record.t[:-1]))
     axis = Model(LinearAxis(m=1.0), (), RK4(substeps=2), DT)
-    for own, records in ((model, few), (model, driven), (axis, record)):
-        assert EnergyBalance.of(Samples(own, [records], SENSOR), own) is None
+    speeds = replace(record, theta=None, theta_dot=np.gradient(record.theta, DT))
+    for own, one, sensor in (
+        (model, few, SENSOR),
+        (model, driven, SENSOR),
+        (model, speeds, Sensor(theta_dot=0.05)),
+        (axis, record, SENSOR),
+    ):
+        assert EnergyBalance.of(Samples(own, [one], sensor), own) is None
 
 
 def test_half_swings_go_from_turning_point_to_turning_point() -> None:
