@@ -44,6 +44,8 @@ PLACES = 41
 """Places from one turning point to the next at which a torque is integrated."""
 LEAST_TORQUE = 1e-3
 """Share of the torque at the turning points below which another model has none that brings the joint back."""
+LEAST_VARIANCE = 1e-24
+"""The variance [rad^2] of errors that are rounding."""
 ROBUST_SD = 1.4826
 """The sd of normal errors in units of their median absolute deviation."""
 
@@ -214,7 +216,7 @@ class EnergyBalance:
         for _ in range(3):
             errors = _balanced(path, work, columns, counts).errors
             off = np.abs(errors - np.median(errors[counts]))
-            counts = off < OUTLYING * ROBUST_SD * float(np.median(off[counts]))
+            counts = off <= OUTLYING * ROBUST_SD * float(np.median(off[counts]))
         sets = [own for n in (1, 2, 3) for own in combinations(range(3), n)]
         fitted = {own: _balanced(path, work, columns[:, own], counts) for own in sets}
         each = math.log(len(path)) + PRICE
@@ -277,7 +279,7 @@ def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bo
     every = np.column_stack([columns, work.zero, -work.zero])
     white, target = (solve_triangular(L, own[counts], lower=True) for own in (every, work.loss))
     numbers, _ = nnls(white, target)
-    variance = float(np.mean((target - white @ numbers) ** 2))
+    variance = max(float(np.mean((target - white @ numbers) ** 2)), LEAST_VARIANCE)
     deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(np.diag(L))))
     sizes, errors = numbers[: columns.shape[1]].tolist(), work.loss - every @ numbers
     sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 1, 1))
