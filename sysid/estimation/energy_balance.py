@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cholesky_banded, solve_banded
 
 from sysid.estimation.linearisation import Samples
 from sysid.physics.effects import Effect, effect
@@ -168,7 +168,7 @@ class Path:
 
 class _Balanced(NamedTuple):
     """A balance fitted with frictions of given shapes: its deviance, their sizes, the errors (N,), and the Cholesky
-    factor L (K, K) of the covariance of the K that count."""
+    factor of the covariance of the K that count: the diagonals L (2, K), since only neighbours share an error."""
 
     deviance: float
     sizes: list[float]
@@ -182,7 +182,7 @@ class EnergyBalance:
 
     path         the half swings
     counts (N,)  which of them count
-    L (K, K)     Cholesky factor of the covariance of their errors
+    L (2, K)     Cholesky factor of the covariance of their errors, by its diagonals
     zero (K,)    direction in which an error of the zero moves the whitened errors, of length 1
     work         of the model for which the covariance was found
     frictions    those of FRICTIONS that explain the losses best, with their sizes
@@ -221,7 +221,7 @@ class EnergyBalance:
         fitted = {own: _balanced(path, work, columns[:, own], counts) for own in sets}
         each = math.log(len(path)) + PRICE
         best = min(sets, key=lambda own: fitted[own].deviance + each * len(own))
-        zero = solve_triangular(fitted[best].L, work.zero[counts], lower=True)
+        zero = _whitened(fitted[best].L, work.zero[counts])
         sizes = zip(best, fitted[best].sizes, strict=True)
         frictions = tuple(_with_size(FRICTIONS[k], size) for k, size in sizes if size > 0.0)
         return cls(path, counts, fitted[best].L, zero / max(float(np.linalg.norm(zero)), 1e-300), work, frictions)
@@ -235,7 +235,7 @@ class EnergyBalance:
         left = work.loss - self.path.taken(model) / work.torque
         if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.isfinite(left))):
             left = self.work.loss
-        white = solve_triangular(self.L, left[self.counts], lower=True)
+        white = _whitened(self.L, left[self.counts])
         return np.asarray(white - self.zero * (self.zero @ white))
 
     def deviance(self, model: Model) -> float:
@@ -265,6 +265,11 @@ def _with_size(name: str, size: float) -> Effect:
     return effect(name, **{field: size})
 
 
+def _whitened(L: Array, rows: Array) -> Array:
+    """Rows (K, ...) divided by a Cholesky factor, of which the diagonals L (2, K) are given."""
+    return np.asarray(solve_banded((1, 0), L, rows))
+
+
 def _balanced(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_]) -> _Balanced:
     """The likeliest balance with frictions that take `columns` (N, F) per size, over the shares of SHARED."""
     fits = [_balanced_with(path, work, columns, counts, shared) for shared in SHARED]
@@ -274,13 +279,14 @@ def _balanced(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_])
 def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_], shared: float) -> _Balanced:
     from scipy.optimize import nnls  # loads for a fifth of a second
 
-    across = np.diag(-0.5 * shared * path.adjacent, 1)
-    L = np.linalg.cholesky((np.eye(len(path)) + across + across.T)[np.ix_(counts, counts)])
+    kept = np.flatnonzero(counts)
+    adjacent = path.adjacent[kept[:-1]] & (np.diff(kept) == 1)
+    L = cholesky_banded([np.ones(len(kept)), np.append(-0.5 * shared * adjacent, 0.0)], lower=True)
     every = np.column_stack([columns, work.zero, -work.zero])
-    white, target = (solve_triangular(L, own[counts], lower=True) for own in (every, work.loss))
+    white, target = (_whitened(L, own[counts]) for own in (every, work.loss))
     numbers, _ = nnls(white, target)
     variance = max(float(np.mean((target - white @ numbers) ** 2)), LEAST_VARIANCE)
-    deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(np.diag(L))))
+    deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(L[0])))
     sizes, errors = numbers[: columns.shape[1]].tolist(), work.loss - every @ numbers
     sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 1, 1))
     return _Balanced(deviance, sizes, errors, np.asarray(sd * L))
