@@ -19,6 +19,7 @@ from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
+from sysid.estimation.energy_balance import FRICTIONS
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
@@ -250,9 +251,9 @@ class Confirmation:
 
     def _is_needless(self, left: Addition, among: Sequence[Addition]) -> bool:
         """Whether one `among` additions does not lower the held-out error by as much as it has to. If nothing remains
-        with it, and something without it, or if an energy balance shows it, it need not lower that error. If nothing
-        remains without it beside an error that readings share, a rare one is needless: it is likelier a part of that
-        error."""
+        with it, and something without it, or if it is a friction that an energy balance shows, it need not lower that
+        error. If nothing remains without it beside an error that readings share, a rare one is needless: it is likelier
+        a part of that error."""
         end, error = self.fit_with(among)
         fewer = [a for a in among if a is not left]
         poorer, its_error = self.fit_with(fewer)
@@ -267,7 +268,7 @@ class Confirmation:
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
-        if shows_in_balance(poorer.model, end, self.settings):
+        if left.name in FRICTIONS and shows_in_balance(poorer.model, end, self.settings):
             return False
         if rarity >= self.settings.rare and not self._another_pays(end):
             return False
