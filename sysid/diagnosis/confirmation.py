@@ -19,7 +19,6 @@ from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
-from sysid.estimation.energy_balance import FRICTIONS
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
@@ -160,11 +159,12 @@ class Confirmation:
         self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
 
     def _return_to_earlier(self, dropped: set[str]) -> None:
-        """If what was dropped had taken the place of another addition, keep the last stage with that one in its place,
-        without its needless additions, if this lowers the held-out error by what matters."""
+        """If what was dropped had taken the place of another addition, keep the last stage with that one beside what is
+        left, without its needless additions, if this lowers the held-out error by what matters."""
         kept = self.additions
         for additions, _ in reversed(self.search.stages):
-            if dropped.isdisjoint(names_added(additions)) and not set(names_added(additions)) <= set(names_added(kept)):
+            names = set(names_added(additions))
+            if dropped and dropped.isdisjoint(names) and names > set(names_added(kept)):
                 self.additions = list(additions)
                 self._drop_needless()
                 now, before = (self.fit_with(own)[1].ratio for own in (self.additions, kept))
@@ -268,7 +268,7 @@ class Confirmation:
             enough = halved and error.ratio <= (1.0 - least) * without
         if enough or not is_lowered(error.ratio, without, 0.0):
             return not enough
-        if left.name in FRICTIONS and shows_in_balance(poorer.model, end, self.settings):
+        if shows_in_balance(poorer.model, end, self.settings):
             return False
         if rarity >= self.settings.rare and not self._another_pays(end):
             return False

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
+from sysid.estimation.energy_balance import FRICTIONS
 from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.physics.model import Model
@@ -96,13 +97,17 @@ def at_bound(found: Fit, name: str) -> bool:
 
 
 def shows_in_balance(before: Model, after: Fit, settings: SearchSettings) -> bool:
-    """Whether a fit takes the losses of a free swing better than the model `before`, by enough to matter."""
+    """Whether frictions that a fit has beside those of the model `before` explain the losses of a free swing better, by
+    enough to matter."""
     balance = after.balance
-    return balance is not None and balance.deviance(before) - balance.deviance(after.model) > settings.balanced
+    new = {e.name for e in after.model.effects} - {e.name for e in before.effects}
+    if balance is None or not new <= set(FRICTIONS):
+        return False
+    return balance.deviance(before) - balance.deviance(after.model) > settings.balanced
 
 
 def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
-    """Whether predictions of the two models differ by so much that it matters, or their energy balances do.
+    """Whether predictions of the two models differ by so much that it matters, or the energy balance shows it.
 
     The RMS difference has to exceed `noise_share` of the sensor noise, and sqrt(1 - (1 - tolerance)^2) of the error
     beyond the noise: the difference that lowers the error by the share `tolerance`.

@@ -82,8 +82,8 @@ class SearchSettings:
         A model leaves far more torque missing than friction along the motion if it is so many times as much, and has
         quite another inertia than the torque shows if one is so many times the other.
     balanced : float
-        Decrease of the deviance of an energy balance (`EnergyBalance`) from which an effect matters, however little
-        predictions show of it.
+        Decrease of the deviance of an energy balance (`EnergyBalance`) from which its frictions matter, however little
+        predictions show of them.
     largest_noise : float
         Errors of so many times the noise cannot mean that the noise was given too small: something remains.
     recurrences : float

@@ -46,6 +46,8 @@ LEAST_TORQUE = 1e-3
 """Share of the torque at the turning points below which another model has none that brings the joint back."""
 LEAST_VARIANCE = 1e-24
 """The variance [rad^2] of errors that are rounding."""
+LARGEST_LOSS = 1e6
+"""Losses [rad] beyond which a model runs away, and has no balance."""
 ROBUST_SD = 1.4826
 """The sd of normal errors in units of their median absolute deviation."""
 
@@ -97,12 +99,13 @@ class Work(NamedTuple):
     """What N half swings lose by a model's torque without friction.
 
     loss (N,)    W over the torque at the turning points: the errors of a loss are those of angles [rad]
-    zero (N,)    how the loss changes with the zero of the angle
+    scale (N, 2) how the loss changes with the zero of the angle, and with a bend of its scale (an error that grows with
+                 the square of the deflection, as a film's perspective makes)
     torque (N,)  RMS torque at the two turning points [N m]
     """
 
     loss: Array
-    zero: Array
+    scale: Array
     torque: Array
 
 
@@ -135,8 +138,10 @@ class Path:
         torque = model.inertia() * (still + model.acceleration(theta, still, t, still))
         done = np.sum(0.5 * (torque[:, 1:] + torque[:, :-1]) * np.diff(theta, axis=1), axis=1)
         at_turns = np.sqrt(0.5 * (torque[:, 0] ** 2 + torque[:, -1] ** 2))
+        ends = theta[:, [0, -1]] - np.mean(theta)
+        scale = np.stack([np.diff(torque[:, [0, -1]] * own)[:, 0] for own in (np.ones_like(ends), ends**2)], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):  # of a model that nothing brings back
-            return Work(done / at_turns, (torque[:, -1] - torque[:, 0]) / at_turns, at_turns)
+            return Work(done / at_turns, scale / at_turns[:, None], at_turns)
 
     def taken(self, model: Model) -> Array:
         """What the frictions of a model take [J] along each half swing (N,)."""
@@ -183,7 +188,7 @@ class EnergyBalance:
     path         the half swings
     counts (N,)  which of them count
     L (2, K)     Cholesky factor of the covariance of their errors, by its diagonals
-    zero (K,)    direction in which an error of the zero moves the whitened errors, of length 1
+    scale (K, 2) orthonormal directions in which errors of the zero and of the scale move the whitened errors
     work         of the model for which the covariance was found
     frictions    those of FRICTIONS that explain the losses best, with their sizes
     """
@@ -191,7 +196,7 @@ class EnergyBalance:
     path: Path
     counts: NDArray[np.bool_]
     L: Array
-    zero: Array
+    scale: Array
     work: Work
     frictions: tuple[Effect, ...]
 
@@ -221,22 +226,23 @@ class EnergyBalance:
         fitted = {own: _balanced(path, work, columns[:, own], counts) for own in sets}
         each = math.log(len(path)) + PRICE
         best = min(sets, key=lambda own: fitted[own].deviance + each * len(own))
-        zero = _whitened(fitted[best].L, work.zero[counts])
+        scale, _ = np.linalg.qr(_whitened(fitted[best].L, work.scale[counts]))
         sizes = zip(best, fitted[best].sizes, strict=True)
         frictions = tuple(_with_size(FRICTIONS[k], size) for k, size in sizes if size > 0.0)
-        return cls(path, counts, fitted[best].L, zero / max(float(np.linalg.norm(zero)), 1e-300), work, frictions)
+        return cls(path, counts, fitted[best].L, scale, work, frictions)
 
     def errors(self, model: Model) -> Array:
-        """What the frictions of a model do not take of the losses (K,), in standard deviations, whatever the zero.
+        """What the frictions of a model do not take of the losses (K,), in standard deviations, whatever the zero
+        and the bend of its scale.
 
         A model that nothing brings back takes nothing: its errors are the losses that the balance was made of.
         """
         work = self.path.work(model)
         left = work.loss - self.path.taken(model) / work.torque
-        if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.isfinite(left))):
+        if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.abs(left) < LARGEST_LOSS)):
             left = self.work.loss
         white = _whitened(self.L, left[self.counts])
-        return np.asarray(white - self.zero * (self.zero @ white))
+        return np.asarray(white - self.scale @ (self.scale.T @ white))
 
     def deviance(self, model: Model) -> float:
         """-2 log likelihood of the balance, up to a constant. If the errors are larger than their standard deviations,
@@ -282,11 +288,11 @@ def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bo
     kept = np.flatnonzero(counts)
     adjacent = path.adjacent[kept[:-1]] & (np.diff(kept) == 1)
     L = cholesky_banded([np.ones(len(kept)), np.append(-0.5 * shared * adjacent, 0.0)], lower=True)
-    every = np.column_stack([columns, work.zero, -work.zero])
+    every = np.column_stack([columns, work.scale, -work.scale])
     white, target = (_whitened(L, own[counts]) for own in (every, work.loss))
     numbers, _ = nnls(white, target)
     variance = max(float(np.mean((target - white @ numbers) ** 2)), LEAST_VARIANCE)
     deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(L[0])))
     sizes, errors = numbers[: columns.shape[1]].tolist(), work.loss - every @ numbers
-    sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 1, 1))
+    sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 2, 1))
     return _Balanced(deviance, sizes, errors, np.asarray(sd * L))

@@ -10,6 +10,9 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import THOROUGH, Settings, fit_parameters, large_disturbances
 from sysid.physics.effects import Effect
 
+LEAST_LOOSE = 0.1
+"""Share of a large random torque with which a fit begins at least after an effect was left out."""
+
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
     """The fit with more effects, begun where the present one ended."""
@@ -46,8 +49,10 @@ def balanced(found: Fit, balance: EnergyBalance | None) -> Fit:
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
-    """The fit without an effect, begun where the present one ended."""
-    model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
+    """The fit without an effect, begun where the present one ended; but beside a random torque that is not 0, since the
+    model may lack something then."""
+    model, least = now.model.without_effect(name), LEAST_LOOSE * large_disturbances(now.samples).s
+    loose = replace(now.disturbances, s=max(1.5 * now.disturbances.s, least))
     return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)
 
 
