@@ -10,8 +10,8 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import THOROUGH, Settings, fit_parameters, large_disturbances
 from sysid.physics.effects import Effect
 
-LEAST_LOOSE = 0.1
-"""Share of a large random torque with which a fit begins at least after an effect was left out."""
+VANISHED = 1e-3
+"""Share of a large random torque below which it has vanished, and would not grow again by itself."""
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
@@ -49,10 +49,12 @@ def balanced(found: Fit, balance: EnergyBalance | None) -> Fit:
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
-    """The fit without an effect, begun where the present one ended; but beside a random torque that is not 0, since the
-    model may lack something then."""
-    model, least = now.model.without_effect(name), LEAST_LOOSE * large_disturbances(now.samples).s
-    loose = replace(now.disturbances, s=max(1.5 * now.disturbances.s, least))
+    """The fit without an effect, begun where the present one ended. Beside an energy balance, whose search began with
+    a random torque, one that has vanished begins anew, since the model may lack something then."""
+    model, s = now.model.without_effect(name), 1.5 * now.disturbances.s
+    large = large_disturbances(now.samples).s
+    vanished = now.balance is not None and s < VANISHED * large
+    loose = replace(now.disturbances, s=0.1 * large if vanished else s)
     return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)
 
 
