@@ -84,9 +84,9 @@ def fit_parameters(
     """Find the likeliest parameters, beginning at the model's numbers.
 
     near           a fit whose motion, prior and disturbances this one begins with; by default the smoothed readings
-    balance        the energy balance that is read beside the readings; by default that of `near`, if it has one
     disturbances   where the sizes of the disturbances begin; their correlation times stay. By default those of `near`,
                    else large ones (`large_disturbances`)
+    balance        the energy balance that is read beside the readings; by default that of `near`, if it has one
     """
     names = tuple(names)
     if disturbances is None:
