@@ -16,7 +16,7 @@ from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, shows_in_balance, squared_size
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
-from sysid.diagnosis.search import Addition, Search
+from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
@@ -111,7 +111,7 @@ class Confirmation:
             fit, _ = self.errors[names_added(self.additions)]
             for addition in self.additions:
                 if addition.name not in names:
-                    fit = self.search.without(fit, addition.name)
+                    fit = self.search.without(fit, addition, [own for own in addition.replaced if own.name in names])
             self.errors[names] = (fit, self.error(fit))
         return self.errors[names]
 
@@ -186,7 +186,7 @@ class Confirmation:
             pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
             needless = [a for a in sound if not pay or self._is_needless(a, self.additions)]
             if needless:
-                self.additions = self._all_but(self._first_to_go(needless))
+                self.additions = all_but(self._first_to_go(needless), self.additions)
                 continue
             rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
             nothing = [a for a in self.additions if is_nothing(end, a.name, self.settings.sure)]
@@ -195,7 +195,7 @@ class Confirmation:
             nothing += [] if nothing else self._making_up(end)
             if not nothing:
                 break
-            self.additions = self._all_but(nothing[0])
+            self.additions = all_but(nothing[0], self.additions)
 
     def _making_up(self, end: Fit) -> list[Addition]:
         """Of two zeros of a free swing that make up for each other, the one without which less is lost.
@@ -208,21 +208,17 @@ class Confirmation:
             return []
         found: list[tuple[float, Addition]] = []
         for left in zeros:
-            fewer, error = self.fit_with(self._all_but(left))
+            fewer, error = self.fit_with(all_but(left, self.additions))
             if any(self._swells(a.name, fewer, end) for a in zeros if a is not left):
                 found.append((error.ratio, left))
         return [min(found, key=lambda own: own[0])[1]] if found else []
 
-    def _all_but(self, left: Addition) -> list[Addition]:
-        """The additions without one of them."""
-        return [a for a in self.additions if a is not left]
-
     def _is_sound(self, left: Addition, end: Fit) -> bool:
         """Whether the other additions are plausible without one more; and, if that is a common one, the rare ones among
         them are what they were. With quite other numbers they are another explanation, which no search has found."""
-        fewer = self._all_but(left)
+        fewer = all_but(left, self.additions)
         fit, _ = self.fit_with(fewer)
-        rare = [a.name for a in fewer if CATALOGUE[a.name].rarity >= self.settings.rare]
+        rare = [a.name for a in fewer if a in self.additions and CATALOGUE[a.name].rarity >= self.settings.rare]
         others = any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
         common = CATALOGUE[left.name].rarity < self.settings.rare
         return not (common and others) and is_plausible(fit, names_added(fewer))
@@ -230,14 +226,14 @@ class Confirmation:
     def _first_to_go(self, needless: Sequence[Addition]) -> Addition:
         """Of several needless additions, the one without which the error is least. If that is a common one that raises
         no error and would pay without a rare one, which is needless too, that rare one goes in its place."""
-        ratio = {a.name: self.fit_with(self._all_but(a))[1].ratio for a in needless}
+        ratio = {a.name: self.fit_with(all_but(a, self.additions))[1].ratio for a in needless}
         first, *others = sorted(needless, key=lambda a: ratio[a.name])
         present = self.fit_with(self.additions)[1].ratio
-        common = self._rarity(first.name) < self.settings.rare
+        common = CATALOGUE[first.name].rarity < self.settings.rare
         if common and ratio[first.name] >= (1.0 - self.settings.tolerance) * present:
             for other in others:
-                rare = self._rarity(other.name) >= self.settings.rare
-                if rare and not self._is_needless(first, self._all_but(other)):
+                rare = CATALOGUE[other.name].rarity >= self.settings.rare
+                if rare and not self._is_needless(first, all_but(other, self.additions)):
                     return other
         return first
 
@@ -255,10 +251,10 @@ class Confirmation:
         error. If nothing remains without it beside an error that readings share, a rare one is needless: it is likelier
         a part of that error."""
         end, error = self.fit_with(among)
-        fewer = [a for a in among if a is not left]
+        fewer = all_but(left, among)
         poorer, its_error = self.fit_with(fewer)
         without, least = its_error.ratio, self.settings.tolerance
-        rarity = self._rarity(left.name)
+        rarity = CATALOGUE[left.name].rarity
         if rarity < self.settings.rare:
             enough = is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
         elif self.widened and not self._remains(poorer):
@@ -274,16 +270,10 @@ class Confirmation:
             return False
         return self._remains(end) or not self._remains(poorer)
 
-    def _rarity(self, name: str) -> float:
-        """The rarity of an addition. Beside one that contains it, it is as rare as that: a machine with a dry friction
-        that gives has a second, stiff one more seldom."""
-        containing = (a.name for a in self.additions if name in CATALOGUE[a.name].contains)
-        return max(CATALOGUE[own].rarity for own in (name, *containing))
-
     def _another_pays(self, end: Fit) -> bool:
         """Whether another effect of the catalogue is expected to pay. If none is, what remains looks random beside this
         model: it hides a rare effect in the error of predictions, but it does not imitate one."""
-        promise = self.search.promise(scores(end, self.search.effects))
+        promise = self.search.promise(self.search.tested(end))
         return any(merit > 0.0 for merit in promise.values())
 
     def _unmask(self) -> None:
@@ -296,7 +286,7 @@ class Confirmation:
         """
         before = list(self.additions)
         while (masking := self._masking()) is not None:
-            self.additions.remove(masking)
+            self.additions = all_but(masking, self.additions)
             self._drop_needless()
         self.unconfirmed += [a.name for a in before if a not in self.additions]
 
@@ -307,7 +297,7 @@ class Confirmation:
             return None
         torque = self.torque(end)
         for addition in self.additions:
-            fewer, its_error = self.fit_with(self._all_but(addition))
+            fewer, its_error = self.fit_with(all_but(addition, self.additions))
             if not math.isfinite(its_error.ratio):  # without it the model runs away
                 continue
             without = self.torque(fewer).after
@@ -345,7 +335,9 @@ class Confirmation:
         for name in self.search.negligible:
             end, error = self.fit_with(self.additions)
             present = {name, *CATALOGUE[name].contains}.intersection(names_added(self.additions))
-            if present or not self._fails_elsewhere(end, error) or self._remains(end):
+            if present or name in contained_in(end.model.effects):
+                continue
+            if not self._fails_elsewhere(end, error) or self._remains(end):
                 continue
             found = scores(end, (name,)).get(name)
             if found is None or not found.visible:

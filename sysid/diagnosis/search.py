@@ -50,15 +50,27 @@ class Trial:
 class Addition:
     """An effect that was added.
 
-    same     effects that this log cannot tell from it, whatever their sizes
-    close    effects that explain the log about as well
-    p_value  of the likelihood ratio when it was added
+    same      effects that this log cannot tell from it, whatever their sizes
+    close     effects that explain the log about as well
+    p_value   of the likelihood ratio when it was added
+    replaced  additions that it contains, whose place it took
     """
 
     name: str
     same: tuple[str, ...]
     close: tuple[str, ...]
     p_value: float
+    replaced: tuple[Addition, ...] = ()
+
+
+def all_but(left: Addition, additions: Sequence[Addition]) -> list[Addition]:
+    """The additions without one of them, which makes place again for those that it replaced."""
+    return [own for a in additions for own in (left.replaced if a is left else (a,))]
+
+
+def contained_in(effects: Iterable[Effect]) -> set[str]:
+    """The names of the effects that one of these contains: beside it their numbers would mean nothing."""
+    return {name for own in effects for name in own.contains}
 
 
 @dataclass(eq=False)
@@ -97,7 +109,7 @@ class Search:
         for k in range(self.settings.steps):
             logger.debug(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             now = with_energy_balance(now)
-            self.last = scores(now, self.effects)
+            self.last = self.tested(now)
             self.left.clear()
             self.first = self.first or self.last
             trials = self._trials(now)
@@ -125,11 +137,11 @@ class Search:
             if same:  # what was added was pruned again, but left a better fit of the others
                 self.stages.pop()
             elif any({a.name for a in own} == {a.name for a in self.additions} for own, _ in self.stages):
-                self.last = scores(now, self.effects)
+                self.last = self.tested(now)
                 break  # it would go round in a circle
             self.stages.append((tuple(self.additions), now))
         else:
-            self.last = scores(now, self.effects)
+            self.last = self.tested(now)
         return base, now
 
     def end(self, base: Fit) -> Fit:
@@ -165,15 +177,18 @@ class Search:
     def _try_balanced(self, now: Fit, tried: list[Trial]) -> None:
         """Fit the frictions that explain the losses of a free swing best, beginning at their sizes; if the same ones
         were fitted from elsewhere, the better fit counts."""
-        present = {e.name for e in now.model.effects}
-        begin = [e for e in now.balance.frictions if e.name not in present] if now.balance else []
+        begin = [e for e in now.balance.frictions if e.name in self.last] if now.balance else []
         new = tuple(e.name for e in begin)
-        visible = all(n in self.last and self.last[n].visible for n in new)
-        if new and visible:
+        if new and all(self.last[name].visible for name in new):
             same = [t for t in tried if set(t.effects) == set(new)]
             self._try(now, new, same, begin)
             best = max(same, key=lambda t: t.merit, default=None)
             tried[:] = [*(t for t in tried if t not in same), *([best] if best else [])]
+
+    def tested(self, now: Fit) -> dict[str, Score]:
+        """The score tests of the effects that may be used, without those that a present effect contains."""
+        contained = contained_in(now.model.effects)
+        return {name: own for name, own in scores(now, self.effects).items() if name not in contained}
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""
@@ -263,10 +278,10 @@ class Search:
     ) -> None:
         """Fit with these effects, beginning where the fit `near` ended, and append the trial to `tried`. It is no
         candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings. Effects
-        of the model as it came make place for one that contains them."""
+        of the model make place for one that contains them."""
         logger.debug(f"fitting {' and '.join(names)}")
-        came = {e.name for e in self.given}
-        refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in came])}
+        present = {e.name for e in (near or now).model.effects}
+        refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in present])}
         try:
             begun = near or now
             for own in refined.values():
@@ -408,7 +423,11 @@ class Search:
                 )
             numbers = len(chosen.fit.names) - len(now.names)
             p = p_value(now.deviance - chosen.fit.deviance, numbers)
-            self.additions.append(Addition(name, same, close, p))
+            replaced = tuple(a for a in self.additions if a.name in CATALOGUE[name].contains)
+            self.additions = [
+                *(a for a in self.additions if a not in replaced),
+                Addition(name, same, close, p, replaced),
+            ]
         return settled(chosen.fit)
 
     def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
@@ -434,23 +453,25 @@ class Search:
             nothing = [a for a in order if size[a.name] < self.settings.sure]
             doubtful = [a for a in order if not size[a.name] > self.settings.clear]
             candidates = nothing[:1] or (doubtful if len(order) > 1 else [])
-            tried = [(a, self.without(now, a.name, QUICK)) for a in candidates]
+            tried = [(a, self.without(now, a, a.replaced, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
             if not needless:
                 break
             saved = {a.name: price(a.name, self.settings.price) for a, _ in needless}
             addition, without = min(needless, key=lambda own: own[1].deviance - saved[own[0].name])
             logger.debug(f"going on without {addition.name}")
-            self.additions.remove(addition)
+            self.additions = all_but(addition, self.additions)
             now = settled(without)
         return self._simplified(now)
 
-    def without(self, now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
-        """The fit without an addition; effects of the model as it came, whose place it took, are there again."""
-        found = reduced(now, name, settings)
+    def without(self, now: Fit, left: Addition, back: Sequence[Addition] = (), settings: Settings = THOROUGH) -> Fit:
+        """The fit without an addition, and with others `back` in the place that it took; those of the model as it came
+        are there again, too."""
+        found = reduced(now, left.name, settings)
         present = {e.name for e in found.model.effects}
-        back = [e for e in self.given if e.name in CATALOGUE[name].contains and e.name not in present]
-        return extended(found, back, settings) if back else found
+        begun = [e for e in self.given if e.name in CATALOGUE[left.name].contains and e.name not in present]
+        begun += [self._simpler(now, left.name, own.name) for own in back]
+        return extended(found, begun, settings) if begun else found
 
     def _needless(self, name: str, now: Fit, without: Fit) -> bool:
         """Whether an effect does not pay or does not matter beside the others."""
@@ -486,19 +507,23 @@ class Search:
                 break
         return now
 
-    def _with_simpler(self, now: Fit, refined: str, simpler: Sequence[str]) -> Fit:
-        """The fit with simpler effects in place of a refinement, each begun at the refinement's numbers if these
-        include its own, else at a small size. It begins where a fit without the refinement ends; or, if the refinement
-        has ended as its simpler form, with all other numbers at their bounds, where the present fit ended."""
+    def _simpler(self, now: Fit, refined: str, name: str) -> Effect:
+        """A simpler effect that begins at the refinement's numbers if these include its own, else at a small size."""
         own = next(e for e in now.model.effects if e.name == refined).parameters
-        starts, shared = list[Effect](), set[str]()
-        for name in simpler:
-            fields = effect(name).parameters
-            known = set(fields) <= set(own)
-            numbers = {field: float(own[field].value) for field in fields} if known else {}
-            begun = effect(name, **numbers) if known else None
-            starts.append(self._start(now, name, False, self.last) if begun is None or begun.idle else begun)
-            shared |= set(numbers)
+        fields = effect(name).parameters
+        if set(fields) <= set(own):
+            begun: Effect = effect(name, **{field: float(own[field].value) for field in fields})
+            if not begun.idle:
+                return begun
+        return self._start(now, name, False, self.last)
+
+    def _with_simpler(self, now: Fit, refined: str, simpler: Sequence[str]) -> Fit:
+        """The fit with simpler effects in place of a refinement. It begins where a fit without the refinement ends; or,
+        if the refinement has ended as its simpler form, with all other numbers at their bounds, where the present fit
+        ended."""
+        own = next(e for e in now.model.effects if e.name == refined).parameters
+        starts = [self._simpler(now, refined, name) for name in simpler]
+        shared = {field for e in starts if set(e.parameters) <= set(own) for field in e.parameters}
         if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:
             return extended(reduced(now, refined), starts, QUICK)
         model = now.model.without_effect(refined)

@@ -11,6 +11,7 @@ import pytest
 
 import sysid
 from sysid import Model, RodPendulum, diagnose, simulate
+from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.physics.effects import CATALOGUE
 from tests.sysid.planted import DT, SENSOR, logs, rod, truth
 
@@ -96,6 +97,27 @@ def test_a_model_with_the_simpler_effect_is_told_the_refinement(name: str) -> No
     assert present(found.model) == {name}
     assert_found(found.estimate, name)
     assert f"+ {name} " in str(found) and f"in place of {own}" in str(found)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_no_stage_of_a_search_has_an_effect_beside_one_that_contains_it(name: str) -> None:
+    search = Search(planted(name), SENSOR)
+    search.run(rod(), ("m", "l"))
+    assert search.stages
+    for additions, fit in search.stages:
+        assert {a.name for a in additions} == present(fit.model)
+        assert not present(fit.model) & contained_in(fit.model.effects)
+
+
+def test_what_a_refinement_replaced_comes_back_without_it() -> None:
+    search = Search(planted("dahl"), SENSOR)
+    _, end = search.run(rod(), ("m", "l"))
+    (dahl,) = (a for a in search.additions if a.name == "dahl")
+    coulomb = Addition("coulomb", (), (), 0.0)
+    beside = dataclasses.replace(dahl, replaced=(coulomb,))
+    assert all_but(beside, [beside]) == [coulomb]
+    assert present(search.without(end, beside, [coulomb]).model) == {"coulomb"}
+    assert present(search.without(end, beside).model) == set()
 
 
 def test_a_model_that_has_the_right_friction_keeps_it() -> None:
