@@ -591,7 +591,7 @@ def test_what_promised_less_has_its_turn_and_has_to_predict_better(monkeypatch: 
 def test_a_contact_gives_by_more_than_the_noise_and_by_less_than_the_motion() -> None:
     half = 0.5 * float(np.ptp(base().samples.smoothed[:, 0]))
     assert SENSOR.theta == 0.003
-    for z_s, plausible in ((0.0015, False), (0.006, True), (0.35 * half, False)):
+    for z_s, plausible in ((0.0015, False), (0.006, True), (0.12 * half, False)):
         assert is_plausible(having(Dahl(tau_c=0.1, z_s=z_s)), ("dahl",)) == plausible
 
 

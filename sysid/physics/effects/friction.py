@@ -14,8 +14,9 @@ from sysid.physics.parameters import of_duration, parameter
 
 ONE_WAY = 0.1
 """If one direction's friction is less than this share of the other's, they stand for an offset, not for friction."""
-LARGEST_GIVE = 0.3
-"""Share of a motion's reach, at most, by which a contact gives before it slides."""
+LARGEST_GIVE = 0.1
+"""Share of a motion's reach, at most, by which a contact gives before it slides. One that gives by more is a spring,
+and beside swings of several amplitudes it imitates two frictions."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,6 +107,11 @@ class Spring(JointEffect):
     confused = ("torque_bias", "ripple", "cubic_spring")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
+    @property
+    def plausible(self) -> bool:
+        """Whether it pulls back. What pushes outwards stands for something else, such as an uneven scale."""
+        return float(self.k) >= 0.0
+
     def torque(self, joint: Joint) -> Value:
         return -self.k * (joint.theta - joint.plant.rest)
 
@@ -128,6 +133,11 @@ class CubicSpring(JointEffect):
     confused = ("spring",)
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
     k_3: Value = parameter(0.0, unit="N m/rad^3", bounds=(0.0, math.inf), neutral=0.0)
+
+    @property
+    def plausible(self) -> bool:
+        """Whether it pulls back from everywhere, which a beam that buckles does not."""
+        return float(self.k) >= 0.0
 
     def torque(self, joint: Joint) -> Value:
         x = joint.theta - joint.plant.rest
