@@ -444,15 +444,14 @@ class Search:
     def _pruned(self, now: Fit) -> Fit:
         """Drop additions one at a time, then try simpler forms of those that are left.
 
-        First those without a size go, the rarest before others and then the smallest. Then those go that no longer pay
-        or matter beside the others, beginning with the one that loses least beyond its price.
+        First those without a size go, then those that no longer pay or matter beside the others; each time the one of
+        which least is lost beyond its price.
         """
         while self.additions:
             size = {a.name: squared_size(now, a.name) for a in self.additions}
-            order = sorted(self.additions, key=lambda a: (-CATALOGUE[a.name].rarity, size[a.name]))
-            nothing = [a for a in order if size[a.name] < self.settings.sure]
-            doubtful = [a for a in order if not size[a.name] > self.settings.clear]
-            candidates = nothing[:1] or (doubtful if len(order) > 1 else [])
+            nothing = [a for a in self.additions if size[a.name] < self.settings.sure]
+            doubtful = [a for a in self.additions if not size[a.name] > self.settings.clear]
+            candidates = nothing or (doubtful if len(self.additions) > 1 else [])
             tried = [(a, self.without(now, a, a.replaced, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
             if not needless:

@@ -19,6 +19,7 @@ from sysid import (
     AsymmetricViscous,
     Backlash,
     Coulomb,
+    CubicSpring,
     Dahl,
     Drag,
     Effect,
@@ -43,6 +44,7 @@ from sysid import (
     TorqueBias,
     TorqueSpeedLimit,
     Viscous,
+    WarmingFriction,
     diagnose,
     effect,
     ops,
@@ -270,15 +272,18 @@ def test_what_has_become_idle_goes() -> None:
 
 
 @pytest.mark.parametrize("names", [("viscous", "coulomb"), ("coulomb", "viscous")])
-def test_of_two_that_are_nothing_beside_each_other_the_smaller_goes(names: tuple[str, str]) -> None:
-    """Two frictions that take each other's place: the order in which they came does not decide which one it is."""
+@pytest.mark.parametrize("sizes", [(1.5, 0.1), (0.1, 1.5)])
+def test_of_two_that_are_nothing_beside_each_other_that_goes_of_which_less_is_lost(
+    names: tuple[str, str], sizes: tuple[float, float]
+) -> None:
+    """Two frictions that take each other's place, where the log has dry friction: neither the order in which they came
+    nor their sizes, in standard deviations, decide which one it is."""
     both = extended(base(), [Viscous(b=0.02), Coulomb(tau_c=0.05)])
     sd = sd_of(both)
-    sizes = {"viscous.b": 1.5 * sd["viscous.b"], "coulomb.tau_c": 0.1 * sd["coulomb.tau_c"]}
-    nothing = held(both, sizes)
+    nothing = held(both, {n: own * sd[n] for n, own in zip(("viscous.b", "coulomb.tau_c"), sizes, strict=True)})
     assert all(is_nothing(nothing, name) for name in names)
     stays, end = pruned(nothing, names)
-    assert stays == [e.name for e in end.model.effects] == ["viscous"]
+    assert stays == [e.name for e in end.model.effects] == ["coulomb"]
 
 
 def test_a_refinement_that_stands_alone_yields_to_its_simple_form() -> None:
@@ -441,6 +446,13 @@ def test_friction_that_rubs_one_way_only_is_no_friction() -> None:
     assert AsymmetricCoulomb(tau_plus=0.1, tau_minus=0.05).plausible and AsymmetricViscous().plausible
     assert not AsymmetricCoulomb(tau_plus=0.4, tau_minus=0.02).plausible
     assert not AsymmetricViscous(b_plus=0.0, b_minus=0.004).plausible
+
+
+def test_a_spring_pulls_back_and_friction_is_left_in_a_warm_machine() -> None:
+    assert Spring(k=0.1).plausible and not Spring(k=-0.1).plausible
+    assert CubicSpring(k=0.0, k_3=1.0).plausible and not CubicSpring(k=-0.1, k_3=1.0).plausible
+    assert WarmingFriction(tau_c=0.1, excess=0.5).plausible and WarmingFriction().plausible
+    assert not WarmingFriction(tau_c=0.01, excess=0.5).plausible
 
 
 def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:

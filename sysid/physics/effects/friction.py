@@ -14,6 +14,8 @@ from sysid.physics.parameters import of_duration, parameter
 
 ONE_WAY = 0.1
 """If one direction's friction is less than this share of the other's, they stand for an offset, not for friction."""
+WARM_SHARE = 0.1
+"""Least share of a cold machine's friction that is left in a warm one."""
 LARGEST_GIVE = 0.1
 """Share of a motion's reach, at most, by which a contact gives before it slides. One that gives by more is a spring,
 and beside swings of several amplitudes it imitates two frictions."""
@@ -165,6 +167,11 @@ class WarmingFriction(DryFriction):
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     T: Value = parameter(60.0, unit="s", bounds=(2.0, 1e4), probe=of_duration(0.25, 1.0))
+
+    @property
+    def plausible(self) -> bool:
+        """Whether a tenth of the friction is left in a warm machine."""
+        return float(self.tau_c) >= WARM_SHARE * float(self.tau_c + self.excess)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
