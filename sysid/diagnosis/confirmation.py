@@ -46,9 +46,80 @@ def is_lowered(error: float, without: float, tolerance: float) -> bool:
     return error**2 <= (excess + min(without**2, 1.0)) * (1.0 + NEGLIGIBLE_RISE) ** 2
 
 
-def names_added(additions: Sequence[Addition]) -> tuple[str, ...]:
-    """The sorted names of additions, as a key."""
-    return tuple(sorted(a.name for a in additions))
+@dataclass(eq=False)
+class Explanation:
+    """A set of additions, the fit with these alone, and what that leaves unexplained.
+
+    among    the confirmation that weighs it against other sets
+    """
+
+    among: Confirmation
+    additions: tuple[Addition, ...]
+    fit: Fit
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sorted names of the additions."""
+        return tuple(sorted(a.name for a in self.additions))
+
+    @cached_property
+    def error(self) -> HeldOutError:
+        """The error on the records that no fit has seen."""
+        return self.among.error(self.fit)
+
+    @cached_property
+    def fitted_error(self) -> float:
+        """The error of predictions of the fitted samples, in units of the noise."""
+        return fitted_error(self.fit, self.among.settings.ahead, self.among.sensor)
+
+    @cached_property
+    def missing(self) -> Array:
+        """The missing torque (M,) [N m] over time, smoothed under the random torque `needed`."""
+        return missing_torque(self.fit, self.among.needed)
+
+    @cached_property
+    def torque(self) -> MissingTorque:
+        """The size of the missing torque, before the additions and with them."""
+        drive = float(np.sqrt(np.mean(self.fit.linearised.drive_torques[self.fit.samples.follows] ** 2)))
+        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(e.missing**2))) for e in (self.among.bare, self)))
+
+    @property
+    def remains(self) -> bool:
+        """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
+        errors are larger than any noise could be."""
+        settings = self.among.settings
+        # a shared error is known roughly
+        limit = settings.worse if self.among.widened else math.sqrt(1.0 + settings.enough**2)
+        beyond = not self.fitted_error < limit
+        return beyond and not (self.fit.undisturbed and self.fitted_error < settings.largest_noise)
+
+    @property
+    def fails_elsewhere(self) -> bool:
+        """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
+        return self.error.beyond_noise and not self.error.ratio < self.among.settings.worse * max(
+            self.fitted_error, 1.0
+        )
+
+    @cached_property
+    def remaining(self) -> Remaining | None:
+        """What matters and is not explained, if predictions err beyond the noise on fitted or on held-out samples."""
+        share, after = max(0.0, 1.0 - 1.0 / max(self.error.ratio, 1e-9) ** 2), self.torque.after
+        contacts = self.among.contacts
+        if not contacts and not self.remains:
+            return Remaining(share, (), "", after, unseen=True) if self.fails_elsewhere else None
+        found = dependence(self.fit, self.missing)
+        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if contacts else found.depends_on
+        return Remaining(share, depends_on, found.where, after)
+
+    def without(self, left: Addition) -> Explanation:
+        """The explanation without one of the additions; what that had replaced is there again."""
+        return self.among.explanation(all_but(left, self.additions))
+
+    def missing_over(self, quantity: str, alone: bool) -> float:
+        """The mean square [N^2 m^2] of the missing torque if that is a function of the quantity `alone`, else of the
+        part of it that the quantity predicts."""
+        share = 1.0 if alone else dependence(self.fit, self.missing).shares.get(quantity, 0.0)
+        return share * float(np.nanmean(self.missing**2))
 
 
 @dataclass(eq=False)
@@ -59,9 +130,9 @@ class Confirmation:
     held_out     records that no fit has seen
     contacts     stretches that a hand may have touched; if there are any, what remains depends on time
     sensor       the noise in whose units errors are given (`widened_sensor`)
-    additions    those that stay; unconfirmed: the names of those that were taken back
-    errors       names of additions -> the fit with these alone, and its held-out error
-    fitted       fit -> its error on the samples that were fitted; torques: fit -> the torque that it leaves missing
+    bare, now    the explanation without additions, and with those that stay
+    unconfirmed  the names of the additions that were taken back
+    weighed      names of additions -> the explanation by these
     friction     friction and load in the drive's torque, if no model explains how the motion follows from the torque
     """
 
@@ -70,17 +141,16 @@ class Confirmation:
     held_out: Sequence[Record]
     contacts: tuple[Contact, ...]
     sensor: Sensor
-    additions: list[Addition] = field(init=False, default_factory=list)
+    bare: Explanation = field(init=False)
+    now: Explanation = field(init=False)
     unconfirmed: list[str] = field(init=False, default_factory=list)
-    errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(init=False, default_factory=dict)
-    fitted: dict[Fit, float] = field(init=False, default_factory=dict)
-    torques: dict[Fit, Array] = field(init=False, default_factory=dict)
+    weighed: dict[tuple[str, ...], Explanation] = field(init=False, default_factory=dict)
     friction: FrictionAlong | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self.errors[()] = self.base, self.error(self.base)
+        self.bare = self.now = self._weigh((), self.base)
         self._confirm()
-        self._unmask()
+        self._take_back_imitations()
         self._reconsider()
         self._weigh_friction()
 
@@ -88,6 +158,11 @@ class Confirmation:
     def settings(self) -> SearchSettings:
         """What counts as evidence, and what matters."""
         return self.search.settings
+
+    @property
+    def additions(self) -> tuple[Addition, ...]:
+        """Those that stay."""
+        return self.now.additions
 
     @property
     def widened(self) -> bool:
@@ -104,73 +179,48 @@ class Confirmation:
         """The error of a fitted model on the records that no fit has seen."""
         return held_out_error(fit.model, self.held_out, self.sensor, self.settings.ahead)
 
-    def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
-        """The fit with these additions alone, and its error."""
-        names = names_added(additions)
-        if names not in self.errors:
-            fit, _ = self.errors[names_added(self.additions)]
-            for addition in self.additions:
-                if addition.name not in names:
-                    fit = self.search.without(fit, addition, [own for own in addition.replaced if own.name in names])
-            self.errors[names] = (fit, self.error(fit))
-        return self.errors[names]
+    def explanation(self, additions: Sequence[Addition]) -> Explanation:
+        """The explanation by some of the additions that stay, or by what they replaced."""
+        names = {a.name for a in additions}
+        if (known := self.weighed.get(tuple(sorted(names)))) is not None:
+            return known
+        fit = self.now.fit
+        for addition in self.now.additions:
+            if addition.name not in names:
+                fit = self.search.without(fit, addition, [own for own in addition.replaced if own.name in names])
+        return self._weigh(additions, fit)
 
-    def torque(self, end: Fit) -> MissingTorque:
-        """The size of the missing torque, before and after the additions."""
-        drive = float(np.sqrt(np.mean(end.linearised.drive_torques[end.samples.follows] ** 2)))
-        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(self.missing(f) ** 2))) for f in (self.base, end)))
-
-    def missing(self, fit: Fit) -> Array:
-        """The missing torque (M,) [N m] of a fit over time, smoothed under the random torque `needed`."""
-        if fit not in self.torques:
-            self.torques[fit] = missing_torque(fit, self.needed)
-        return self.torques[fit]
-
-    def remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
-        """What matters and is not explained, if predictions err beyond the noise on fitted or on held-out samples."""
-        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
-        if not self.contacts and not self._remains(end):
-            elsewhere = self._fails_elsewhere(end, error)
-            return Remaining(share, (), "", torque.after, unseen=True) if elsewhere else None
-        found = dependence(end, self.missing(end))
-        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
-        return Remaining(share, depends_on, found.where, torque.after)
-
-    def fitted_error(self, end: Fit) -> float:
-        """The error of predictions of the fitted samples; it is kept, since it is needed several times."""
-        if end not in self.fitted:
-            self.fitted[end] = fitted_error(end, self.settings.ahead, self.sensor)
-        return self.fitted[end]
+    def _weigh(self, additions: Sequence[Addition], fit: Fit) -> Explanation:
+        found = Explanation(self, tuple(additions), fit)
+        self.weighed[found.names] = found
+        return found
 
     def _confirm(self) -> None:
         """Keep the last stage of the search that does not raise the held-out error, without its needless additions."""
-        best = self.errors[()][1].ratio
+        best = self.bare.error.ratio
         for additions, fit in self.search.stages:
-            error = self.error(fit)
-            self.errors[names_added(additions)] = fit, error
-            if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
-                best, self.additions = min(best, error.ratio), list(additions)
-        chosen = set(names_added(self.additions))
+            stage = self._weigh(additions, fit)
+            if stage.error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
+                best, self.now = min(best, stage.error.ratio), stage
+        chosen = set(self.now.names)
         self._drop_needless()
-        self._return_to_earlier(chosen.difference(names_added(self.additions)))
-        kept = names_added(self.additions)
+        self._return_to_earlier(chosen.difference(self.now.names))
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
-        refined = {name for own in kept for simpler in CATALOGUE[own].refines for name in simpler}
-        self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
+        refined = {name for own in self.now.names for simpler in CATALOGUE[own].refines for name in simpler}
+        self.unconfirmed = [name for name in tried if name not in self.now.names and name not in refined]
 
     def _return_to_earlier(self, dropped: set[str]) -> None:
         """If what was dropped had taken the place of another addition, keep the last stage with that one beside what is
         left, without its needless additions, if this lowers the held-out error by what matters."""
-        kept = self.additions
+        kept = self.now
         for additions, _ in reversed(self.search.stages):
-            names = set(names_added(additions))
-            if dropped and dropped.isdisjoint(names) and names > set(names_added(kept)):
-                self.additions = list(additions)
+            names = {a.name for a in additions}
+            if dropped and dropped.isdisjoint(names) and names > set(kept.names):
+                self.now = self.explanation(additions)
                 self._drop_needless()
-                now, before = (self.fit_with(own)[1].ratio for own in (self.additions, kept))
-                if is_lowered(now, before, self.settings.tolerance):
+                if is_lowered(self.now.error.ratio, kept.error.ratio, self.settings.tolerance):
                     return
-                self.additions = kept
+                self.now = kept
 
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
@@ -181,61 +231,62 @@ class Confirmation:
         makes up for it (`_making_up`).
         """
         while self.additions:
-            end, error = self.fit_with(self.additions)
-            sound = [a for a in self.additions if self._is_sound(a, end)] or self.additions
-            pay = is_lowered(error.ratio, self.errors[()][1].ratio, 0.0)
-            needless = [a for a in sound if not pay or self._is_needless(a, self.additions)]
-            if needless:
-                self.additions = all_but(self._first_to_go(needless), self.additions)
-                continue
-            rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
-            nothing = [a for a in self.additions if is_nothing(end, a.name, self.settings.sure)]
-            nothing.sort(key=lambda a: squared_size(end, a.name))
-            nothing += [a for a in rarest if is_undetermined(end, a.name) or not is_plausible(end, (a.name,))]
-            nothing += [] if nothing else self._making_up(end)
-            if not nothing:
+            sound = [a for a in self.additions if self._is_sound(a)] or self.additions
+            pay = is_lowered(self.now.error.ratio, self.bare.error.ratio, 0.0)
+            needless = [a for a in sound if not pay or self._is_needless(a, self.now)]
+            gone = self._first_to_go(needless) if needless else self._nothing_of_a_machine()
+            if gone is None:
                 break
-            self.additions = all_but(nothing[0], self.additions)
+            self.now = self.now.without(gone)
 
-    def _making_up(self, end: Fit) -> list[Addition]:
+    def _nothing_of_a_machine(self) -> Addition | None:
+        """The addition that is the least, if any is nothing; else the rarest of those that no machine has or that the
+        readings do not determine; else a zero for which another makes up."""
+        fit = self.now.fit
+        nothing = [a for a in self.additions if is_nothing(fit, a.name, self.settings.sure)]
+        if nothing:
+            return min(nothing, key=lambda a: squared_size(fit, a.name))
+        unreal = [a for a in self.additions if is_undetermined(fit, a.name) or not is_plausible(fit, (a.name,))]
+        return max(unreal, key=lambda a: CATALOGUE[a.name].rarity) if unreal else self._making_up()
+
+    def _making_up(self) -> Addition | None:
         """Of two zeros of a free swing that make up for each other, the one without which less is lost.
 
         Each moves the angle at which it comes to rest. If one alone is at most a third as large as beside the other, or
         has the other sign, the two imitate an angle that is not told on one scale.
         """
         zeros = [a for a in self.additions if CATALOGUE[a.name].moves_rest]
-        if len(zeros) < 2 or end.samples.driven:
-            return []
-        found: list[tuple[float, Addition]] = []
-        for left in zeros:
-            fewer, error = self.fit_with(all_but(left, self.additions))
-            if any(self._swells(a.name, fewer, end) for a in zeros if a is not left):
-                found.append((error.ratio, left))
-        return [min(found, key=lambda own: own[0])[1]] if found else []
+        if self.base.samples.driven:
+            return None
+        fewer = {left: self.now.without(left) for left in zeros if len(zeros) > 1}
+        found = [
+            left
+            for left, own in fewer.items()
+            if any(self._swells(a.name, own.fit, self.now.fit) for a in zeros if a is not left)
+        ]
+        return min(found, key=lambda left: fewer[left].error.ratio, default=None)
 
-    def _is_sound(self, left: Addition, end: Fit) -> bool:
+    def _is_sound(self, left: Addition) -> bool:
         """Whether the other additions are plausible without one more; and, if that is a common one, the rare ones among
         them are what they were. With quite other numbers they are another explanation, which no search has found."""
-        fewer = all_but(left, self.additions)
-        fit, _ = self.fit_with(fewer)
-        rare = [a.name for a in fewer if a in self.additions and CATALOGUE[a.name].rarity >= self.settings.rare]
-        others = any(self._swells(name, fit, end) or self._swells(name, end, fit) for name in rare)
-        common = CATALOGUE[left.name].rarity < self.settings.rare
-        return not (common and others) and is_plausible(fit, names_added(fewer))
+        fewer, now = self.now.without(left), self.now.fit
+        rare = [a.name for a in fewer.additions if a in self.additions and self._is_rare(a)]
+        others = any(self._swells(name, fewer.fit, now) or self._swells(name, now, fewer.fit) for name in rare)
+        return (self._is_rare(left) or not others) and is_plausible(fewer.fit, fewer.names)
 
     def _first_to_go(self, needless: Sequence[Addition]) -> Addition:
         """Of several needless additions, the one without which the error is least. If that is a common one that raises
         no error and would pay without a rare one, which is needless too, that rare one goes in its place."""
-        ratio = {a.name: self.fit_with(all_but(a, self.additions))[1].ratio for a in needless}
-        first, *others = sorted(needless, key=lambda a: ratio[a.name])
-        present = self.fit_with(self.additions)[1].ratio
-        common = CATALOGUE[first.name].rarity < self.settings.rare
-        if common and ratio[first.name] >= (1.0 - self.settings.tolerance) * present:
+        ratio = {a: self.now.without(a).error.ratio for a in needless}
+        first, *others = sorted(needless, key=ratio.__getitem__)
+        if not self._is_rare(first) and ratio[first] >= (1.0 - self.settings.tolerance) * self.now.error.ratio:
             for other in others:
-                rare = CATALOGUE[other.name].rarity >= self.settings.rare
-                if rare and not self._is_needless(first, all_but(other, self.additions)):
+                if self._is_rare(other) and not self._is_needless(first, self.now.without(other)):
                     return other
         return first
+
+    def _is_rare(self, addition: Addition) -> bool:
+        return CATALOGUE[addition.name].rarity >= self.settings.rare
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
@@ -245,30 +296,35 @@ class Confirmation:
                 return True
         return False
 
-    def _is_needless(self, left: Addition, among: Sequence[Addition]) -> bool:
-        """Whether one `among` additions does not lower the held-out error by as much as it has to. If nothing remains
-        with it, and something without it, or if it is a friction that an energy balance shows, it need not lower that
-        error. If nothing remains without it beside an error that readings share, a rare one is needless: it is likelier
-        a part of that error."""
-        end, error = self.fit_with(among)
-        fewer = all_but(left, among)
-        poorer, its_error = self.fit_with(fewer)
-        without, least = its_error.ratio, self.settings.tolerance
-        rarity = CATALOGUE[left.name].rarity
-        if rarity < self.settings.rare:
-            enough = is_lowered(error.ratio, without, min(least * (rarity + bool(fewer)), 1.0))
-        elif self.widened and not self._remains(poorer):
+    def _is_needless(self, left: Addition, present: Explanation) -> bool:
+        """Whether an addition does not lower the held-out error by as much as it has to.
+
+        - If nothing remains without it beside an error that readings share, a rare one is likelier a part of that.
+        - A friction that an energy balance shows need only not raise the error.
+        - The same holds for a rare effect beside which no other promises anything, and for what leaves nothing, where
+          something remains without it.
+        """
+        without = present.without(left)
+        if self._is_rare(left) and self.widened and not without.remains:
             return True
-        else:
-            halved = is_lowered(error.ratio, without, max(least, self.settings.halved))
-            enough = halved and error.ratio <= (1.0 - least) * without
-        if enough or not is_lowered(error.ratio, without, 0.0):
-            return not enough
-        if shows_in_balance(poorer.model, end, self.settings):
+        if self._lowers_enough(left, present.error.ratio, without):
             return False
-        if rarity >= self.settings.rare and not self._another_pays(end):
+        if not is_lowered(present.error.ratio, without.error.ratio, 0.0):
+            return True
+        if shows_in_balance(without.fit.model, present.fit, self.settings):
             return False
-        return self._remains(end) or not self._remains(poorer)
+        if self._is_rare(left) and not self._another_pays(present.fit):
+            return False
+        return present.remains or not without.remains
+
+    def _lowers_enough(self, left: Addition, ratio: float, without: Explanation) -> bool:
+        """Whether the held-out error falls to `ratio` by what matters, times the rarity of what is added; beside others
+        by as much again. A rare one has to lower the excess by `halved`, too."""
+        before, least = without.error.ratio, self.settings.tolerance
+        if self._is_rare(left):
+            return is_lowered(ratio, before, max(least, self.settings.halved)) and ratio <= (1.0 - least) * before
+        rarity = CATALOGUE[left.name].rarity
+        return is_lowered(ratio, before, min(least * (rarity + bool(without.additions)), 1.0))
 
     def _another_pays(self, end: Fit) -> bool:
         """Whether another effect of the catalogue is expected to pay. If none is, what remains looks random beside this
@@ -276,79 +332,63 @@ class Confirmation:
         promise = self.search.promise(self.search.tested(end))
         return any(merit > 0.0 for merit in promise.values())
 
-    def _unmask(self) -> None:
-        """Take back additions that mask something unknown, and confirm the others anew after each.
+    def _take_back_imitations(self) -> None:
+        """Take back additions that imitate something unknown, and confirm the others anew after each.
 
         There are two cases. More torque, by what matters, is missing with the addition than without it, and it does not
         halve the held-out error beyond the noise. Or what remains depends on the one quantity of which the effect is a
         function, and the effect explains less than `most` of it (if it depends on others, too, of the part of it that
         this quantity predicts), or only with a number driven to its bound.
         """
-        before = list(self.additions)
-        while (masking := self._masking()) is not None:
-            self.additions = all_but(masking, self.additions)
+        before = self.additions
+        while (imitation := self._imitation()) is not None:
+            self.now = self.now.without(imitation)
             self._drop_needless()
         self.unconfirmed += [a.name for a in before if a not in self.additions]
 
-    def _masking(self) -> Addition | None:
-        """The first of the additions that masks something unknown; None if none does."""
-        end, error = self.fit_with(self.additions)
-        if not math.isfinite(error.ratio):
+    def _imitation(self) -> Addition | None:
+        """The first of the additions that imitates something unknown; None if none does."""
+        if not math.isfinite(self.now.error.ratio):
             return None
-        torque = self.torque(end)
         for addition in self.additions:
-            fewer, its_error = self.fit_with(all_but(addition, self.additions))
-            if not math.isfinite(its_error.ratio):  # without it the model runs away
+            fewer = self.now.without(addition)
+            if not math.isfinite(fewer.error.ratio):  # without it the model runs away
                 continue
-            without = self.torque(fewer).after
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
             comparable = not self.base.samples.shared
-            more = comparable and torque.after > (1.0 + self.settings.tolerance) * without
-            worse = more and not is_lowered(error.ratio, its_error.ratio, self.settings.telling)
-            if worse or self._hides(addition, end, error, torque, fewer):
+            more = comparable and self.now.torque.after > (1.0 + self.settings.tolerance) * fewer.torque.after
+            worse = more and not is_lowered(self.now.error.ratio, fewer.error.ratio, self.settings.telling)
+            if worse or self._is_part_of_unknown(addition, fewer):
                 return addition
         return None
 
-    def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, fewer: Fit) -> bool:
-        """Whether an addition is a part of something unknown; `fewer` is the fit without it."""
-        imitates = CATALOGUE[addition.name].imitates
-        if not imitates:
-            return False
-        remaining = self.remaining(end, error, torque)
-        if remaining is None or imitates not in remaining.depends_on:
+    def _is_part_of_unknown(self, addition: Addition, fewer: Explanation) -> bool:
+        """Whether an addition is a part of something unknown; `fewer` is the explanation without it."""
+        imitates, remaining = CATALOGUE[addition.name].imitates, self.now.remaining
+        if not imitates or remaining is None or imitates not in remaining.depends_on:
             return False
         alone = remaining.depends_on == (imitates,)
-        after, before = (self._missing_over(imitates, fit, alone) for fit in (end, fewer))
-        bent = end.at_bounds - self.base.at_bounds
+        after, before = (own.missing_over(imitates, alone) for own in (self.now, fewer))
+        bent = self.now.fit.at_bounds - self.base.at_bounds
         return bool(bent) or after > (1.0 - self.settings.most) * before
-
-    def _missing_over(self, quantity: str, fit: Fit, alone: bool) -> float:
-        """The mean square [N^2 m^2] of a fit's missing torque if it is a function of that quantity `alone`, else of the
-        part of it that the quantity predicts."""
-        missing = self.missing(fit)
-        share = 1.0 if alone else dependence(fit, missing).shares.get(quantity, 0.0)
-        return share * float(np.nanmean(missing**2))
 
     def _reconsider(self) -> None:
         """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the
         held-out motion, which goes further."""
         for name in self.search.negligible:
-            end, error = self.fit_with(self.additions)
-            present = {name, *CATALOGUE[name].contains}.intersection(names_added(self.additions))
-            if present or name in contained_in(end.model.effects):
-                continue
-            if not self._fails_elsewhere(end, error) or self._remains(end):
+            end = self.now.fit
+            related = {name, *CATALOGUE[name].contains}.intersection(self.now.names)
+            if related or name in contained_in(end.model.effects) or not self.now.fails_elsewhere or self.now.remains:
                 continue
             found = scores(end, (name,)).get(name)
             if found is None or not found.visible:
                 continue
             fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
-            after = self.error(fit)
+            p = p_value(end.deviance - fit.deviance, found.numbers)
+            more = self._weigh((*self.additions, Addition(name, self.search.inseparable(name), (), p)), fit)
             sound = is_plausible(fit, (name,)) and not is_undetermined(fit, name)
-            if sound and after.ratio < error.ratio * (1.0 - self.settings.tolerance):
-                p = p_value(end.deviance - fit.deviance, found.numbers)
-                self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p)]
-                self.errors[names_added(self.additions)] = (fit, after)
+            if sound and more.error.ratio < self.now.error.ratio * (1.0 - self.settings.tolerance):
+                self.now = more
 
     def _weigh_friction(self) -> None:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
@@ -357,23 +397,20 @@ class Confirmation:
         missing than the drive has, or too much beside what friction and load leave (`_leaves_more`).
         """
         found = self._friction_along()
-        if found is None:
+        if found is None or not (self.now.torque.overwhelms or self._leaves_more(found)):
             return
-        end, error = self.fit_with(self.additions)
-        torque = self.torque(end)
-        if not (torque.overwhelms or self._leaves_more(found, end, error, torque)):
-            return
-        if self.remaining(end, error, torque) is not None:
-            self.friction, self.additions, self.unconfirmed = found, [], []
+        if self.now.remaining is not None:
+            self.friction, self.now, self.unconfirmed = found, self.bare, []
 
-    def _leaves_more(self, found: FrictionAlong, end: Fit, error: HeldOutError, torque: MissingTorque) -> bool:
+    def _leaves_more(self, found: FrictionAlong) -> bool:
         """Whether the additions leave more torque missing than friction along the motion does, and no inertia shows.
         If one shows, they have to leave `farther` times as much, and predictions to err beyond the noise; and there are
         no additions, or they lack the dry friction that shows, or the inertia beside them is quite `another`."""
+        torque, end = self.now.torque, self.now.fit
         more = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
         if not found.shows_inertia:
             return more > 1.0
-        if more <= self.settings.farther or error.ratio < 1.0:
+        if more <= self.settings.farther or self.now.error.ratio < 1.0:
             return False
         another = found.contradicts(end.inertia, self.settings.another)
         lacking = found.shows_dry_friction and not any(e.is_dry for e in end.model.effects)
@@ -382,16 +419,3 @@ class Confirmation:
     def _friction_along(self) -> FrictionAlong | None:
         search = self.search
         return friction_along(self.base.model, self.base.names, search.records, self.held_out, search.sensor)
-
-    def _remains(self, end: Fit) -> bool:
-        """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
-        errors are larger than any noise could be."""
-        settings = self.settings
-        # a shared error is known roughly
-        limit = settings.worse if self.widened else math.sqrt(1.0 + settings.enough**2)
-        beyond = not self.fitted_error(end) < limit
-        return beyond and not (end.undisturbed and self.fitted_error(end) < settings.largest_noise)
-
-    def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
-        """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
-        return error.beyond_noise and not error.ratio < self.settings.worse * max(self.fitted_error(end), 1.0)

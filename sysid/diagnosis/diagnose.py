@@ -18,7 +18,7 @@ from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import leave_out, sample_of, split
 from sysid.diagnosis.answer import Alternative, Diagnosis, Step
-from sysid.diagnosis.confirmation import Confirmation, names_added
+from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.criteria import is_plausible
 from sysid.diagnosis.findings import fitted_numbers
@@ -244,26 +244,24 @@ class _Report:
 
     def diagnosis(self, began: float) -> Diagnosis:
         """The answer; `began` is the clock when the question was asked."""
-        end, error = self.confirmed.fit_with(self.confirmed.additions)
-        steps = self._steps(end)
+        now = self.confirmed.now
+        end, steps = now.fit, self._steps(now.fit)
         machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
-        torque = self.confirmed.torque(end)
-        remaining = self.confirmed.remaining(end, error, torque)
         verdict = "adequate" if not machine else "missing"
         if sum(s.decrease for s in machine if s.rivals) > 0.5 * sum(s.decrease for s in machine):
             verdict = "cannot tell"
-        elif remaining is not None:
+        elif now.remaining is not None:
             verdict = "partly" if machine or self.confirmed.friction else "unknown"
-        told = (*names_added(self.confirmed.additions), *self.confirmed.unconfirmed)
+        told = (*now.names, *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
             base=self.base.estimate(),
-            base_error=self.confirmed.errors[()][1],
-            error=error,
+            base_error=self.confirmed.bare.error,
+            error=now.error,
             steps=machine,
             conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
-            ranking=self._ranking(torque.before),
-            remaining=remaining,
+            ranking=self._ranking(now.torque.before),
+            remaining=now.remaining,
             not_identifiable=self._not_identifiable(end),
             ruled_out=self._ruled_out(),
             sensor=self.confirmed.sensor,
@@ -276,7 +274,7 @@ class _Report:
             contacts=self.confirmed.contacts,
             next_experiment=self._experiment(machine, end),
             seconds=time.perf_counter() - began,
-            torque=torque,
+            torque=now.torque,
             negligible=tuple(n for n in self.search.negligible if n not in told),
             unconfirmed=tuple(self.confirmed.unconfirmed),
             tolerance=self.search.settings.tolerance,
@@ -298,7 +296,7 @@ class _Report:
 
     def _alternatives(self, end: Fit) -> Iterator[Alternative]:
         """Refinements tried at first with which the log is as likely as with the additions, simpler forms of them."""
-        together = set(names_added(self.confirmed.additions))
+        together = set(self.confirmed.now.names)
         for trial in self.search.trials:
             name, *more = trial.effects
             if not more and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
@@ -309,7 +307,7 @@ class _Report:
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """The additions as steps, in their order; effects that pay only together share one fall of the error."""
         estimate, additions = end.estimate(), self.confirmed.additions
-        errors = [self.confirmed.fit_with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
+        errors = [self.confirmed.explanation(additions[:k]).error.ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0
         for k, addition in enumerate(additions):
             falls = (j for j in range(k + 1, len(errors)) if errors[j] < errors[first] * (1.0 - FELL))
@@ -323,7 +321,7 @@ class _Report:
                     error_before=errors[first],
                     error_after=errors[last],
                     p_value=addition.p_value,
-                    estimate=self.confirmed.fit_with(additions[: k + 1])[0].estimate(),
+                    estimate=self.confirmed.explanation(additions[: k + 1]).fit.estimate(),
                 )
             )
             first = last if last == k + 1 else first
@@ -336,7 +334,7 @@ class _Report:
         fits = {t.effects[0]: t.fit for t in self.search.trials if len(t.effects) == 1}
         merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
         merit |= {t.effects[0]: t.merit for t in self.search.trials if len(t.effects) == 1}
-        fits |= {a.name: self.confirmed.fit_with([a])[0] for a in stayed if a.name not in fits}
+        fits |= {a.name: self.confirmed.explanation([a]).fit for a in stayed if a.name not in fits}
         fitted = sorted(fits, key=merit.__getitem__, reverse=True)
         others = sorted((n for n, s in first.items() if s.visible), key=merit.__getitem__, reverse=True)
         order = dict.fromkeys((*(a.name for a in stayed), *fitted, *others))

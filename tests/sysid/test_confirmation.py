@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import combinations
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 from sysid.data.sensor import Sensor
 from sysid.diagnosis import confirmation
 from sysid.diagnosis.answer import MissingTorque, Remaining
-from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_added
+from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, Explanation
+from sysid.diagnosis.search import Addition
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.effects import CATALOGUE
@@ -34,8 +36,22 @@ def _torque(after: float, drive: float = 10.0) -> MissingTorque:
 class Named(tuple[str, ...]):
     """A fit of a script: the names of its additions, an inertia, dry friction, and speeds that share no error."""
 
-    samples, inertia = SimpleNamespace(shared=0), 1.0
+    samples, inertia = SimpleNamespace(shared=0, driven=True), 1.0
     model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True, contains=()),))
+
+
+class Told(Explanation):
+    """An explanation of a script: its error is given, and something remains."""
+
+    among: Scripted
+
+    @property
+    def error(self) -> Any:
+        return SimpleNamespace(ratio=self.among.ratios[self.names])
+
+    torque: Any = _torque(1.0)
+    remains: Any = True
+    fails_elsewhere: Any = False
 
 
 class Scripted(Confirmation):
@@ -50,40 +66,32 @@ class Scripted(Confirmation):
         replaced: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.ratios, self.hiding = ratios, hiding
-        additions = {name: SimpleNamespace(name=name, replaced=()) for name in NAMES}
-        for refinement, simpler in replaced.items():
-            additions[refinement].replaced = (additions[simpler],)
+        made = {name: Addition(name, (), (), 0.0) for name in NAMES}
+        made |= {name: replace(made[name], replaced=(made[simpler],)) for name, simpler in replaced.items()}
         sensor = Sensor(theta=1.0)
         slight = ("coulomb", "warming_friction", "spring")
-        found = [([additions[name] for name in own], own) for own in stages]
+        found = [([made[name] for name in own], own) for own in stages]
         search: Any = SimpleNamespace(stages=found, settings=settings, negligible=slight, sensor=sensor, effects=None)
         super().__init__(search, cast(Any, Named()), (), (), sensor)
 
-    def error(self, fit: Any) -> Any:
-        return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
+    def explanation(self, additions: Sequence[Addition]) -> Explanation:
+        return self._weigh(additions, cast(Any, None))
 
-    def fit_with(self, additions: Sequence[Any]) -> Any:
-        return Named(names_added(additions)), self.error(names_added(additions))
-
-    def torque(self, end: Any) -> Any:
-        return _torque(1.0)
+    def _weigh(self, additions: Sequence[Addition], fit: Any) -> Explanation:
+        found = Told(self, tuple(additions), fit)
+        found.fit = cast(Any, Named(found.names))
+        return found
 
     def _friction_along(self) -> FrictionAlong | None:
         return None
 
-    def _remains(self, end: Any) -> bool:
-        return True
-
     def _swells(self, *_: Any) -> bool:
-        return False
-
-    def _fails_elsewhere(self, *_: Any) -> bool:
         return False
 
     def _another_pays(self, end: Any) -> bool:
         return True
 
-    def _hides(self, addition: Any, *_: Any) -> bool:
+    def _is_part_of_unknown(self, addition: Any, *_: Any) -> bool:
         return addition.name in self.hiding
 
 
@@ -103,7 +111,7 @@ def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: 
     ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
     with scripted():
         found = Scripted(dict(zip(SUBSETS, ratios, strict=True)), hiding)
-    kept = names_added(found.additions)
+    kept = found.now.names
     assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)
     assert set(kept) | set(found.unconfirmed) == set(NAMES) and not set(kept) & set(found.unconfirmed)
     assert not hiding & set(kept)
@@ -115,7 +123,7 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     with scripted() as patch:
         patch.setattr(confirmation, "is_undetermined", lambda _, name: name == unknown)
         found = Scripted(fewer, frozenset())
-    assert names_added(found.additions) == tuple(sorted(set(NAMES) - {unknown}))
+    assert found.now.names == tuple(sorted(set(NAMES) - {unknown}))
     assert found.unconfirmed == [unknown]
 
 
@@ -123,18 +131,18 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
 def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(factor: float, stays: bool) -> None:
     fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
+        patch.setattr(Told, "torque", property(lambda own: _torque(2.0 if "coulomb" in own.names else 1.0)))
         found = Scripted(fewer, frozenset())
-    assert names_added(found.additions) == (("coulomb",) if stays else ())
+    assert found.now.names == (("coulomb",) if stays else ())
 
 
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
     fewer = {own: 10.0 * (0.9 if "coulomb" in own else 1.0) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(Named, "samples", SimpleNamespace(shared=1))
-        patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
+        patch.setattr(Named, "samples", SimpleNamespace(shared=1, driven=True))
+        patch.setattr(Told, "torque", property(lambda own: _torque(2.0 if "coulomb" in own.names else 1.0)))
         found = Scripted(fewer, frozenset())
-    assert names_added(found.additions) == ("coulomb",)
+    assert found.now.names == ("coulomb",)
 
 
 @pytest.mark.parametrize(("small", "stays"), [("coulomb", True), ("viscous", True), ("tilt", False)])
@@ -144,7 +152,7 @@ def test_a_rarer_effect_has_to_do_more_to_stay(small: str, stays: bool) -> None:
     beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
-    assert names_added(found.additions) == tuple(name for name in NAMES if stays or name != small)
+    assert found.now.names == tuple(name for name in NAMES if stays or name != small)
 
 
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (0.97, True)])
@@ -153,7 +161,7 @@ def test_a_rare_effect_alone_has_to_lower_the_error_too(share: float, stays: boo
     beyond = {own: 4.0 * (share if "tilt" in own else 1.0) for own in SUBSETS}
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset())
-    assert names_added(found.additions) == (("tilt",) if stays else ())
+    assert found.now.names == (("tilt",) if stays else ())
 
 
 @pytest.mark.parametrize(("share", "stays"), [(0.75, False), (0.65, True)])
@@ -164,7 +172,7 @@ def test_a_rare_effect_has_to_halve_the_square_of_what_is_left(friction: float, 
     beyond = {own: 4.0 * math.prod(factors[name] for name in own) for own in SUBSETS}
     with scripted():
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset(), TILT_IS_RARE)
-    assert ("tilt" in names_added(found.additions)) is stays
+    assert ("tilt" in found.now.names) is stays
 
 
 @pytest.mark.parametrize(("share", "stays"), [(0.75, False), (0.65, True)])
@@ -176,7 +184,7 @@ def test_a_refinement_has_to_beat_what_it_replaced_or_makes_place_for_it(share: 
         patch.setattr(confirmation, "CATALOGUE", {**CATALOGUE, "tilt": CATALOGUE["dahl"]})
         ratios = {own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}
         found = Scripted(ratios, frozenset(), stages=stages, replaced={"tilt": "coulomb"})
-    assert names_added(found.additions) == (("tilt",) if stays else ("coulomb",))
+    assert found.now.names == (("tilt",) if stays else ("coulomb",))
     assert found.unconfirmed == ([] if stays else ["tilt"])
 
 
@@ -188,16 +196,16 @@ def test_beside_what_no_other_effect_explains_a_rare_effect_need_only_not_raise_
     with scripted() as patch:
         patch.setattr(Scripted, "_another_pays", lambda _, end: "tilt" not in end)
         found = Scripted({own: math.sqrt(1.0 + x * x) for own, x in beyond.items()}, frozenset(), TILT_IS_RARE)
-    assert ("tilt" in names_added(found.additions)) is stays
+    assert ("tilt" in found.now.names) is stays
 
 
 def test_with_which_nothing_remains_a_rare_effect_need_not_lower_the_held_out_error() -> None:
     with scripted() as patch:
-        patch.setattr(Scripted, "_remains", lambda _, end: "tilt" not in end)
+        patch.setattr(Told, "remains", property(lambda own: "tilt" not in own.names))
         found = Scripted({own: 2.0 for own in SUBSETS}, frozenset())
-        assert names_added(found.additions) == ("tilt",)
+        assert found.now.names == ("tilt",)
         raised = Scripted({own: 2.01 if "tilt" in own else 2.0 for own in SUBSETS}, frozenset())
-    assert "tilt" not in names_added(raised.additions)
+    assert "tilt" not in raised.now.names
 
 
 def test_of_two_that_are_needless_the_rarer_one_goes_first() -> None:
@@ -207,7 +215,7 @@ def test_of_two_that_are_needless_the_rarer_one_goes_first() -> None:
     errors |= {("coulomb", "tilt"): 9.17, ("coulomb", "viscous"): 3.47, ("tilt", "viscous"): 3.22, NAMES: 3.21}
     with scripted():
         found = Scripted(errors, frozenset(), TILT_IS_RARE)
-    assert names_added(found.additions) == ("coulomb", "viscous")
+    assert found.now.names == ("coulomb", "viscous")
 
 
 @pytest.mark.parametrize(("share", "returns"), [(0.9, True), (0.99, False)])
@@ -219,7 +227,7 @@ def test_what_a_dropped_addition_had_taken_the_place_of_comes_back(share: float,
     stages = (("viscous",), ("coulomb", "viscous"), ("tilt", "viscous"))
     with scripted():
         found = Scripted(errors, frozenset(), TILT_IS_RARE, stages)
-    assert names_added(found.additions) == (("coulomb", "viscous") if returns else ("viscous",))
+    assert found.now.names == (("coulomb", "viscous") if returns else ("viscous",))
 
 
 @pytest.mark.parametrize(("share", "stays"), [(1.01, False), (0.999, True)])
@@ -230,7 +238,7 @@ def test_what_the_energy_balance_shows_need_only_not_raise_the_error(share: floa
         patch.setattr(Named, "model", property(lambda self: self))
         patch.setattr(Named, "effects", (), raising=False)
         found = Scripted(errors, frozenset())
-    assert names_added(found.additions) == (("coulomb",) if stays else ())
+    assert found.now.names == (("coulomb",) if stays else ())
 
 
 @pytest.mark.parametrize("kept", NAMES)
@@ -243,7 +251,7 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
         patch.setattr(confirmation, "is_plausible", lambda _, names: other not in names or kept in names)
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
-    assert names_added(found.additions) == (kept,)
+    assert found.now.names == (kept,)
 
 
 @pytest.mark.parametrize("another", [False, True])
@@ -254,15 +262,15 @@ def test_what_is_another_effect_without_its_fellow_does_not_take_its_place(anoth
     with scripted() as patch:
         patch.setattr(Scripted, "_swells", lambda _, name, before, after: another and "coulomb" not in before)
         found = Scripted(ratios, frozenset(), TILT_IS_RARE)
-    assert names_added(found.additions) == (("coulomb",) if another else ("tilt",))
+    assert found.now.names == (("coulomb",) if another else ("tilt",))
 
 
 def test_a_slight_effect_is_not_reconsidered_beside_one_that_it_contains() -> None:
     """Dry friction that falls as the machine warms up, beside dry friction: what one lacks the other has."""
     asked: list[str] = []
     with scripted() as patch:
-        patch.setattr(Scripted, "_fails_elsewhere", lambda *_: True)
-        patch.setattr(Scripted, "_remains", lambda *_: False)
+        patch.setattr(Told, "fails_elsewhere", True)
+        patch.setattr(Told, "remains", False)
         patch.setattr(confirmation, "scores", lambda _, names: asked.extend(names) or {})
         Scripted({own: 9.0 * 0.5 ** len(own) for own in SUBSETS}, frozenset())
     assert asked == ["spring"]
@@ -290,9 +298,9 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
     friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), inertia, 0.95)
     with scripted() as patch:
         patch.setattr(Scripted, "_friction_along", lambda *_: friction if along else None)
-        patch.setattr(Scripted, "torque", lambda *_: _torque(1.0, drive))
-        patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))
+        patch.setattr(Told, "torque", _torque(1.0, drive))
+        patch.setattr(Told, "remaining", Remaining(0.5, (), ""))
         found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
     assert found.friction is (friction if said else None)
-    assert names_added(found.additions) == (() if said else NAMES)
+    assert found.now.names == (() if said else NAMES)
     assert not found.unconfirmed
