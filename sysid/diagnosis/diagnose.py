@@ -298,8 +298,8 @@ class _Report:
         """Refinements tried at first with which the log is as likely as with the additions, simpler forms of them."""
         together = set(self.confirmed.now.names)
         for trial in self.search.trials:
-            name, *more = trial.effects
-            if not more and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
+            name = trial.single
+            if name and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
                 found = settled(trial.fit)
                 if found.deviance - end.deviance < self.search.settings.close and is_plausible(found, (name,)):
                     yield Alternative(name, fitted_numbers(found.estimate(), name))
@@ -331,9 +331,9 @@ class _Report:
         """First the effects that stayed, then others that were fitted, by merit, then the rest, by expected merit."""
         first, each = self.search.first, self.search.settings.price
         stayed = [a for a in self.confirmed.additions if a.name in first]
-        fits = {t.effects[0]: t.fit for t in self.search.trials if len(t.effects) == 1}
+        fits = {t.single: t.fit for t in self.search.trials if t.single}
         merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
-        merit |= {t.effects[0]: t.merit for t in self.search.trials if len(t.effects) == 1}
+        merit |= {t.single: t.merit for t in self.search.trials if t.single}
         fits |= {a.name: self.confirmed.explanation([a]).fit for a in stayed if a.name not in fits}
         fitted = sorted(fits, key=merit.__getitem__, reverse=True)
         others = sorted((n for n, s in first.items() if s.visible), key=merit.__getitem__, reverse=True)

@@ -45,6 +45,11 @@ class Trial:
     fit: Fit
     merit: float
 
+    @property
+    def single(self) -> str | None:
+        """The effect, if it is one alone."""
+        return self.effects[0] if len(self.effects) == 1 else None
+
 
 @dataclass(frozen=True, eq=False)
 class Addition:
@@ -104,45 +109,53 @@ class Search:
         logger.debug("fitting the model as it came")
         if helped is None:
             helped = first_fits(Samples(model, self.records, self.sensor), model, names)[0]
-        base = without_common(helped, model, names)
-        now, self.given = base, base.model.effects
+        base = now = without_common(helped, model, names)
+        self.given = base.model.effects
         for k in range(self.settings.steps):
-            logger.debug(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
-            now = with_energy_balance(now)
-            self.last = self.tested(now)
-            self.left.clear()
-            self.first = self.first or self.last
-            trials = self._trials(now)
-            if not k:
-                trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
-            before, least = {a.name for a in self.additions}, now.deviance - self.settings.close
-            nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
-            tried, more = trials, iter((partial(self._others, trials=trials), self._simulated, self._composites))
-            while True:
-                chosen = self._chosen(now, trials, tried, nothing)
-                if chosen is not None:
-                    now = self._pruned(self._added(now, chosen, trials))
-                    if {a.name for a in self.additions} != before or (before and now.deviance < least):
-                        break
-                    nothing.append(chosen.effects)
-                elif now.undisturbed or (others := next(more, None)) is None:
-                    break
-                else:
-                    tried = others(now)
-                    trials = [*trials, *tried]
-            self.trials = self.trials or trials
-            same = {a.name for a in self.additions} == before
-            if chosen is None or (same and not before):
-                break
-            if same:  # what was added was pruned again, but left a better fit of the others
+            before = self.names
+            now, found = self._round(now, helped if k == 0 else None)
+            if not found:
+                return base, now
+            if self.names == before:  # what was added was pruned again, but left a better fit of the others
                 self.stages.pop()
-            elif any({a.name for a in own} == {a.name for a in self.additions} for own, _ in self.stages):
-                self.last = self.tested(now)
+            elif any({a.name for a in own} == self.names for own, _ in self.stages):
                 break  # it would go round in a circle
             self.stages.append((tuple(self.additions), now))
-        else:
-            self.last = self.tested(now)
+        self.last = self.tested(now)
         return base, now
+
+    def _round(self, now: Fit, helped: Fit | None) -> tuple[Fit, bool]:
+        """Try candidates, kind after kind, until one is added and stays. Returned are the fit then, and whether one
+        stays. In the first round the effects of the first fit `helped` are candidates, too."""
+        logger.debug(f"testing {len(CATALOGUE)} effects" if helped else "testing what else is missing")
+        now = with_energy_balance(now)
+        self.last = self.tested(now)
+        self.left.clear()
+        self.first = self.first or self.last
+        tried = self._trials(now)
+        if helped is not None:
+            tried = sorted([*tried, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
+        before, least = self.names, now.deviance - self.settings.close
+        nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
+        among, more = tried, iter((partial(self._others, trials=tried), self._simulated, self._composites))
+        while True:
+            while (chosen := self._chosen(now, tried, among, nothing)) is not None:
+                now = self._pruned(self._added(now, chosen, tried))
+                if self.names != before or (before and now.deviance < least):
+                    self.trials = self.trials or tried
+                    return now, True
+                nothing.append(chosen.effects)
+            others = None if now.undisturbed else next(more, None)
+            if others is None:
+                self.trials = self.trials or tried
+                return now, False
+            among = others(now)
+            tried = [*tried, *among]
+
+    @property
+    def names(self) -> set[str]:
+        """The names of what was added."""
+        return {a.name for a in self.additions}
 
     def end(self, base: Fit) -> Fit:
         """The fit at which the search ended: `base` if nothing was added."""
@@ -253,10 +266,10 @@ class Search:
         own = self.last[name]
         others = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
         for chosen in (*others, name):
-            same = [t for t in tried if len(t.effects) == 1 and self._same(self.last[t.effects[0]], self.last[chosen])]
+            same = [t for t in tried if t.single and self._same(self.last[t.single], self.last[chosen])]
             if any(not at_bound(t.fit, t.effects[0]) for t in same):
                 return
-            if all(t.effects != (chosen,) for t in same):
+            if all(t.single != chosen for t in same):
                 self._try(now, (chosen,), tried)
 
     def _same(self, a: Score, b: Score) -> bool:
@@ -322,7 +335,7 @@ class Search:
         if not ranked:
             return None
         first: Trial | None = None
-        others = {a.name for a in self.additions}
+        others = self.names
         for trial in (*(t for t in self._preferred(now, ranked[0]) if t.effects not in but), *ranked):
             sound = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, others)
             if not (sound and self._recurs(trial)):
@@ -337,8 +350,8 @@ class Search:
                 if trial.fit.undisturbed:
                     return trial
                 first = trial
-            elif len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
-                self.negligible.append(trial.effects[0])
+            elif trial.single and trial.single not in self.negligible:
+                self.negligible.append(trial.single)
         return first
 
     def _predicts_better(self, before: Fit, after: Fit) -> bool:
@@ -387,9 +400,9 @@ class Search:
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """Trials of commoner effects that explain the log about as well as the best trial, begun where that ended."""
-        if len(best.effects) != 1:
+        name = best.single
+        if name is None:
             return []
-        name = best.effects[0]
         fitted = next(e for e in best.fit.model.effects if e.name == name).parameters
         found: list[Trial] = []
         for other in preferred():
@@ -403,43 +416,39 @@ class Search:
         return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
+        equal = self._alike(chosen, trials, self.settings.equal_deviance, self.settings.collinear)
+        rivals = self._alike(chosen, trials, self.settings.close, self.settings.rival)
+        p = p_value(now.deviance - chosen.fit.deviance, len(chosen.fit.names) - len(now.names))
         for name in chosen.effects:
             own = self.last[name]
-            held = {t.effects[0] for t in trials if len(t.effects) == 1 and at_bound(t.fit, t.effects[0])} - {name}
-            visible = [n for n, s in self.last.items() if n not in (name, *held) and s.visible]
-            indistinguishable = self._indistinguishable(chosen, trials) if len(chosen.effects) == 1 else ()
-            same = tuple(n for n in visible if n in indistinguishable or self._same(self.last[n], own))
-            close: tuple[str, ...] = ()
-            if len(chosen.effects) == 1:
-                close = tuple(
-                    t.effects[0]
-                    for t in trials
-                    if len(t.effects) == 1
-                    and t.effects[0] not in (name, *same)
-                    and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.close
-                    and len(t.fit.names) <= len(chosen.fit.names)
-                    and collinearity(self.last[t.effects[0]], own) > self.settings.rival
-                    and (chosen.fit.undisturbed or not self._predicts_better(t.fit, chosen.fit))
-                )
-            numbers = len(chosen.fit.names) - len(now.names)
-            p = p_value(now.deviance - chosen.fit.deviance, numbers)
+            held = {t.single for t in trials if t.single and at_bound(t.fit, t.single)}
+            visible = [n for n, s in self.last.items() if n != name and n not in held and s.visible]
+            same = tuple(n for n in visible if n in equal or self._same(self.last[n], own))
+            close = tuple(
+                other
+                for other, fit in rivals.items()
+                if other not in same
+                and len(fit.names) <= len(chosen.fit.names)
+                and (chosen.fit.undisturbed or not self._predicts_better(fit, chosen.fit))
+            )
             replaced = tuple(a for a in self.additions if a.name in CATALOGUE[name].contains)
-            self.additions = [
-                *(a for a in self.additions if a not in replaced),
-                Addition(name, same, close, p, replaced),
-            ]
+            kept = [a for a in self.additions if a not in replaced]
+            self.additions = [*kept, Addition(name, same, close, p, replaced)]
         return settled(chosen.fit)
 
-    def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
-        """The effects, `collinear` with the chosen one, with which the log is as likely: up to `equal_deviance`."""
-        own = self.last[chosen.effects[0]]
-        return tuple(
-            t.effects[0]
+    def _alike(self, chosen: Trial, trials: Sequence[Trial], deviance: float, cosine: float) -> dict[str, Fit]:
+        """The other effects of single trials with which the log is as likely as with the chosen one, up to a difference
+        of the deviance, and whose collinearity with it exceeds a cosine, with their fits."""
+        name = chosen.single
+        return {
+            t.single: t.fit
             for t in trials
-            if len(t.effects) == 1
-            and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.equal_deviance
-            and collinearity(self.last[t.effects[0]], own) > self.settings.collinear
-        )
+            if name
+            and t.single
+            and t.single != name
+            and abs(gain(chosen.fit, t.fit, (name,))) < deviance
+            and collinearity(self.last[t.single], self.last[name]) > cosine
+        }
 
     def _pruned(self, now: Fit) -> Fit:
         """Drop additions one at a time, then try simpler forms of those that are left.
