@@ -43,9 +43,6 @@ from sysid import CATALOGUE, Diagnosis, Estimate, InvalidInput
 
 PLAN, NAMING_TABLE = MISMATCH_PLANS["mismatch"], "naming.csv"
 
-CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
-"""Larger effects that are the effect at some of their numbers: to name one of them is right, too."""
-
 REFUSED = "refused"
 """The verdict where the rollouts do not even allow a fit."""
 
@@ -80,7 +77,7 @@ def is_right(plant: HiddenPlant, verdict: str, steps: Sequence[str]) -> bool:
 
 def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
     """Whether one of the steps is the plant's effect, one that contains it, or one that the log cannot tell from it."""
-    wanted = {plant.effect, *CONTAINS.get(plant.effect or "", ())}
+    wanted = {plant.effect, *(name for name, kind in CATALOGUE.items() if plant.effect in kind.contains)}
     return any(wanted & set(step.split("/")) for step in steps)
 
 

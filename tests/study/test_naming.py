@@ -37,6 +37,7 @@ PLAN = MISMATCH_PLANS["mismatch"]
         (PLAIN, "missing", ("viscous",), False),
         (COULOMB, "missing", ("coulomb",), True),
         (COULOMB, "missing", ("asymmetric_coulomb",), True),
+        (COULOMB, "missing", ("lugre",), True),
         (COULOMB, "missing", ("coulomb", "tilt"), False),
         (COULOMB, "missing", ("viscous",), False),
         (COULOMB, "unknown", ("coulomb",), False),
