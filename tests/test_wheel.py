@@ -43,7 +43,17 @@ def test_it_holds_the_packages_and_nothing_else(wheel):
     assert not any(name.startswith("study/results") or "test" in Path(name).parts for name in names)
 
 
-@pytest.mark.parametrize("module", ["sysid.__main__", "policies.__main__", "study.main", "study.worth.__main__"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "sysid.__main__",
+        "policies.__main__",
+        "study.main",
+        "study.worth.__main__",
+        "study.mismatch.naming",
+        "study.mismatch.effect_cost",
+    ],
+)
 def test_every_command_says_its_version(module, capsys):
     assert importlib.import_module(module).main(["--version"]) == 0
     assert capsys.readouterr().out == f"gapfinder {importlib.metadata.version('gapfinder')}\n"

@@ -22,11 +22,12 @@ aware one stands beside as `sharp`.
 
 from __future__ import annotations
 
-import argparse
+import logging
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,7 +41,12 @@ from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
 from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, SUBSTEPS, hidden_machine, near_optimal
 from study.trials.hidden_plant import ALL_PLANTS
-from sysid import InvalidInput, OutputEffect
+from sysid import OutputEffect
+from sysid.cli.command_line import answer_one, entry_point
+from sysid.cli.command_options import option
+from sysid.data.files import check_outputs, file_errors
+
+logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.mismatch.effect_cost")
 
 EFFECT_COST_FOLDER = Path(__file__).parents[1] / "results" / "effect_cost"
 LOSS_TABLE, LOSS_FIGURE = "effect_cost.csv", "effect_cost.png"
@@ -152,9 +158,11 @@ def read_losses(path: Path) -> list[LossRow]:
 
 
 def write_losses(path: Path, rows: Iterable[LossRow]) -> None:
-    """The rows as a CSV file, in the catalogue's order; whole or not at all."""
+    """The rows as a CSV file, in the catalogue's order; whole or not at all. Raises InvalidInput."""
     order = {name: i for i, name in enumerate(MAGNITUDES)}
-    write_table(LossRow, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))
+    ordered = sorted(rows, key=lambda row: (order[row.effect], row.size))
+    with file_errors(path, "write"):
+        write_table(LossRow, path, ordered)
 
 
 def draw_effect_cost(rows: Sequence[LossRow]) -> Figure:
@@ -201,20 +209,31 @@ def _panel(axes: Axes, rows: Sequence[LossRow]) -> None:
     axes.set_ylim(-3.0, TOP)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.effect_cost")
-    parser.add_argument("--out", type=Path, default=EFFECT_COST_FOLDER, metavar="DIR", help="table and figure")
-    parser.add_argument("--effects", nargs="+", default=list(MAGNITUDES), choices=list(MAGNITUDES), metavar="NAME")
-    options = parser.parse_args(arguments)
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        rows = _measured(options.out / LOSS_TABLE, options.effects)
-        save_figure(lambda: draw_effect_cost(rows), options.out / LOSS_FIGURE)
-    except (InvalidInput, OSError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    return 0
+@dataclass(frozen=True)
+class EffectCostOptions:
+    """What does an effect cost the policy that does not know it? Dynamic programming in the place of training."""
+
+    out: Annotated[Path, option("DIR", "study/results/effect_cost")] = EFFECT_COST_FOLDER
+    """Folder of the table and the figure."""
+
+    effects: Annotated[tuple[Literal[*MAGNITUDES], ...], option("NAME", "all")] = tuple(MAGNITUDES)
+    """The effects that are measured."""
+
+
+@entry_point
+def main(arguments: Sequence[str]) -> int:
+    """Run the command line; returns the exit code: 0 done, 1 nobody reads on, 2 bad input, 130 stopped."""
+    return answer_one(EffectCostOptions, measure_and_draw, "python -m study.mismatch.effect_cost", arguments)
+
+
+def measure_and_draw(command: EffectCostOptions) -> None:
+    """Write the figure of the table, after what it lacks was measured. Raises InvalidInput for bad input."""
+    with file_errors(command.out, "write"):
+        command.out.mkdir(parents=True, exist_ok=True)
+    table, figure = command.out / LOSS_TABLE, command.out / LOSS_FIGURE
+    check_outputs((), (table, figure), force=True)
+    rows = _measured(table, command.effects)
+    save_figure(lambda: draw_effect_cost(rows), figure)
 
 
 def _measured(path: Path, effects: Sequence[str]) -> list[LossRow]:
@@ -229,10 +248,9 @@ def _measured(path: Path, effects: Sequence[str]) -> list[LossRow]:
                 bench.append(Bench())
             row = known[magnitude.effect, size] = bench[0].measure(magnitude, size)
             write_losses(path, known.values())
-            print(
+            logger.info(
                 f"{row.effect} {size:g} {row.unit}: aware {row.aware:.1f}, ignorant {row.ignorant:.1f}, "
-                f"loss {row.loss:.1f} +- {row.sem:.1f} ({row.percent:.1f} %)",
-                flush=True,
+                f"loss {row.loss:.1f} +- {row.sem:.1f} ({row.percent:.1f} %)"
             )
         return known[magnitude.effect, size]
 

@@ -16,18 +16,18 @@ beside what was named, "partly". Where nothing is missing "adequate" is right.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
+from tyro.conf import arg
 
 from study.formatting import capital
 from study.mismatch.measured import measured_rollouts
@@ -40,6 +40,9 @@ from study.trials.ground_truth import ground_truth
 from study.trials.hidden_plant import PLAIN, HiddenPlant
 from study.trials.rollout_budget import Budget
 from sysid import CATALOGUE, Diagnosis, Estimate, InvalidInput
+from sysid.cli.command_line import answer_one, entry_point
+from sysid.cli.command_options import option
+from sysid.data.files import file_errors
 
 PLAN, NAMING_TABLE = MISMATCH_PLANS["mismatch"], "naming.csv"
 
@@ -125,9 +128,11 @@ def read_naming(path: Path) -> list[NamingResult]:
 
 
 def write_naming(path: Path, rows: Iterable[NamingResult]) -> None:
-    """The rows as a CSV file, in the plan's order of plants; whole or not at all."""
+    """The rows as a CSV file, in the plan's order of plants; whole or not at all. Raises InvalidInput."""
     order = [plant.name for plant in PLAN.plants]
-    write_table(NamingResult, path, sorted(rows, key=lambda row: (order.index(row.plant), row.n, row.seed)))
+    ordered = sorted(rows, key=lambda row: (order.index(row.plant), row.n, row.seed))
+    with file_errors(path, "write"):
+        write_table(NamingResult, path, ordered)
 
 
 NAMING_FOLDER = Path(__file__).parents[1] / "results" / "mismatch"
@@ -200,33 +205,51 @@ class NamingExperiment(StudyExperiment):
         console.print(naming_table(self.rows))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
-    parser.add_argument("--out", type=Path, default=NAMING_FOLDER, metavar="DIR", help="folder of the table")
-    told = f"measure the table up to so many seeds, from {FIRST} on (default: tell what it has)"
-    parser.add_argument("--seeds", type=int, metavar="N", help=told)
-    parser.add_argument("--budgets", type=int, nargs="+", default=list(BUDGETS), choices=BUDGETS, metavar="N")
-    parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
-    options = parser.parse_args(arguments)
+@dataclass(frozen=True)
+class NamingOptions:
+    """How many rollouts does naming the missing effect take, beside fitting m and l? No agent is trained."""
 
-    seeds, workers, out = options.seeds, options.workers, options.out
+    out: Annotated[Path, option("DIR", "study/results/mismatch")] = NAMING_FOLDER
+    """Folder of the table."""
+
+    seeds: Annotated[int | None, option("N", "tell what it has")] = None
+    """Measure the table up to so many seeds, from 2000 on."""
+
+    budgets: Annotated[tuple[Literal[*BUDGETS], ...], arg(metavar="N")] = BUDGETS
+    """The numbers of rollouts that are measured, out of these."""
+
+    workers: Annotated[int, arg(metavar="N")] = 2
+    """Processes."""
+
+
+@entry_point
+def main(arguments: Sequence[str]) -> int:
+    """Run the command line.
+
+    Returns the exit code: 0 done, 1 a task failed or nobody reads on, 2 bad input, 130 stopped.
+    """
     try:
-        experiment = NamingExperiment(PLAN, out / NAMING_TABLE, sorted(set(options.budgets)), seeds or 0)
-        if seeds is not None:
-            if not 1 <= seeds <= MOST or workers < 1:
-                expected = f"expected 1 to {MOST} seeds and at least 1 worker"
-                raise InvalidInput(f"--seeds {seeds}, --workers {workers}: {expected}")
-            out.mkdir(parents=True, exist_ok=True)
-            run(experiment, Processes(workers), Console(highlight=False))
-        if not experiment.rows:
-            raise InvalidInput(f"{out} has no {NAMING_TABLE}: measure one with --seeds {MOST}")
-        # a cell that is cut says nothing: the table is as wide as it must be
-        experiment.publish(Console(highlight=False, width=400))
-    except (InvalidInput, OSError, WorkerFailed) as error:
+        return answer_one(NamingOptions, tell, "python -m study.mismatch.naming", arguments)
+    except WorkerFailed as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1 if isinstance(error, WorkerFailed) else 2
-    return 0
+        return 1
+
+
+def tell(command: NamingOptions) -> None:
+    """Print the table, after what it lacks was measured. Raises InvalidInput for bad input, and WorkerFailed."""
+    seeds, workers, out = command.seeds, command.workers, command.out
+    experiment = NamingExperiment(PLAN, out / NAMING_TABLE, sorted(set(command.budgets)), seeds or 0)
+    if seeds is not None:
+        if not 1 <= seeds <= MOST or workers < 1:
+            expected = f"expected 1 to {MOST} seeds and at least 1 worker"
+            raise InvalidInput(f"--seeds {seeds}, --workers {workers}: {expected}")
+        with file_errors(out, "write"):
+            out.mkdir(parents=True, exist_ok=True)
+        run(experiment, Processes(workers), Console(highlight=False))
+    if not experiment.rows:
+        raise InvalidInput(f"{out} has no {NAMING_TABLE}: measure one with --seeds {MOST}")
+    # a cell that is cut says nothing: the table is as wide as it must be
+    experiment.publish(Console(highlight=False, width=400))
 
 
 if __name__ == "__main__":

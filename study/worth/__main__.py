@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
 from tyro.conf import arg
 
-from sysid.cli.command_line import OPTIONS, carry_out, entry_point
+from sysid.cli.command_line import answer_one, entry_point
 from sysid.cli.command_options import File, Number, OnLog, Output
 from sysid.errors import InvalidInput
 
@@ -64,10 +63,7 @@ class WorthOptions(OnLog):
 @entry_point
 def main(arguments: Sequence[str]) -> int:
     """Run the command line; returns the exit code: 0 answered, 1 nobody reads on, 2 bad input, 130 stopped."""
-    config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
-    with OPTIONS:
-        command = tyro.cli(WorthOptions, prog="python -m study.worth", args=arguments, config=config)
-    return carry_out(command, run)
+    return answer_one(WorthOptions, run, "python -m study.worth", arguments)
 
 
 def run(command: WorthOptions) -> None:

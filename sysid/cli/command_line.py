@@ -25,10 +25,12 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
-PACKAGES = ("sysid", "policies", "study.worth")
+PACKAGES = ("sysid", "policies", "study")
 """The loggers that a command line listens to."""
 OPTIONS = ConstructorRegistry()
 """How a command line reads options: `with OPTIONS` while it does so."""
+PLAIN_NAMES = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
+"""Options are called as their fields, whichever group they stand in."""
 
 
 @OPTIONS.primitive_rule
@@ -124,12 +126,18 @@ def answer(
     arguments: Sequence[str],
 ) -> int:
     """Read one of the commands and run it; returns the exit code of `carry_out`."""
-    config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     with OPTIONS:
         command = tyro.extras.subcommand_cli_from_dict(
-            dict(commands), prog=prog, description=about, args=arguments, config=config
+            dict(commands), prog=prog, description=about, args=arguments, config=PLAIN_NAMES
         )
     return carry_out(command, run)
+
+
+def answer_one(options: type[Any], run: Callable[[Any], None], prog: str, arguments: Sequence[str]) -> int:
+    """Read the options of a program without commands, and run it; returns the exit code of `carry_out`."""
+    with OPTIONS:
+        given = tyro.cli(options, prog=prog, args=arguments, config=PLAIN_NAMES)
+    return carry_out(given, run)
 
 
 def carry_out(command: Any, run: Callable[[Any], None]) -> int:

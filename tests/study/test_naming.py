@@ -23,6 +23,7 @@ from study.mismatch.naming import (
     read_naming,
     write_naming,
 )
+from study.pipeline.executor import WorkerFailed
 from study.trials.hidden_plant import COULOMB, DELAY_LARGE, MAGNET, PLAIN
 from sysid import InvalidInput
 from tests.study.inline import Inline
@@ -134,8 +135,7 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr("study.pipeline.executor.Processes.execute", execute)
     command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
-    with pytest.raises(KeyboardInterrupt):
-        main(command)
+    assert main(command) == 130
     assert len(read_naming(tmp_path / NAMING_TABLE)) == 6
     most = 6
     assert main(command) == 0
@@ -174,3 +174,12 @@ def test_a_row_of_a_plant_that_is_not_in_the_plan_is_refused(tmp_path):
     (tmp_path / NAMING_TABLE).write_text(text.replace(row(5, 0).plant, "slew_old"))
     with pytest.raises(InvalidInput, match="plant 'slew_old': expected one of plain"):
         read_naming(tmp_path / NAMING_TABLE)
+
+
+def test_a_task_that_fails_ends_with_a_sentence_and_code_1(tmp_path, monkeypatch, capsys):
+    def execute(self, left, heard):
+        raise WorkerFailed("naming at plain failed:\n no memory")
+
+    monkeypatch.setattr("study.pipeline.executor.Processes.execute", execute)
+    assert main(["--out", str(tmp_path), "--seeds", "1"]) == 1
+    assert capsys.readouterr().err == "error: naming at plain failed: no memory\n"
