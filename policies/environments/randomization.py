@@ -130,41 +130,6 @@ class Band(Randomization):
 
 
 @dataclass(frozen=True)
-class PriorRange(Randomization):
-    """Each parameter is drawn independently and uniformly from the whole of its bounds.
-
-    Parameters
-    ----------
-    names : tuple of str, optional
-        The names of the parameters that are drawn.
-
-    Notes
-    -----
-    This is the prior range of the paper (Sec. III).
-    """
-
-    names: tuple[str, ...] = ("m", "l")
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self.names))
-
-    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """Draw the parameters of one episode.
-
-        Raises
-        ------
-        InvalidInput
-            For a name that the model does not have, and for a parameter without finite bounds.
-        """
-        model.check_names(self.names)
-        parameters = model.parameters
-        for name in self.names:
-            if not all(map(math.isfinite, parameters[name].bounds)):
-                raise InvalidInput(f"parameter {name} has bounds {parameters[name].bounds}: expected finite ones")
-        return {name: float(rng.uniform(*parameters[name].bounds)) for name in self.names}
-
-
-@dataclass(frozen=True)
 class Ranges(Randomization):
     """Each parameter is drawn independently and uniformly from a range of its own, within its bounds.
 
@@ -187,6 +152,30 @@ class Ranges(Randomization):
         for name, (low, high) in ranges.items():
             if not -math.inf < low <= high < math.inf:
                 raise InvalidInput(f"range of {name} is ({low}, {high}): expected (low, high) with low <= high")
+
+    @classmethod
+    def of(cls, model: Model, names: Sequence[str]) -> Ranges:
+        """The whole of the bounds that some of a model's parameters carry: the paper's prior range (Sec. III).
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+        names : sequence of str
+            The names of the parameters that are drawn.
+
+        Returns
+        -------
+        Ranges
+            Their bounds.
+
+        Raises
+        ------
+        InvalidInput
+            For a name that the model does not have, and for a parameter without finite bounds.
+        """
+        model.check_names(names)
+        return cls({name: model.parameters[name].bounds for name in names})
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         return _within_bounds(model, {name: rng.uniform(low, high) for name, (low, high) in self.ranges.items()})
@@ -430,7 +419,7 @@ class RandomForce(Randomization):
 
 
 KINDS: dict[str, type[Randomization]] = {
-    kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
+    kind.__name__: kind for kind in (Fixed, Band, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
 }
 """What stored data call them."""
 

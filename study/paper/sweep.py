@@ -166,10 +166,10 @@ class SweepPopulation(PopulationTask):
 
 
 def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
-    from policies import Band, PriorRange
+    from policies import Band, Ranges
 
     if point.randomization == "prior_range":
-        return PriorRange(("m", "l"))
+        return Ranges.of(paper_model(), ("m", "l"))
     if point.randomization != "band":
         raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
     return Band(dict(zip(("m", "l"), theta, strict=True)), w=cell.w)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from policies.environments.randomization import Band, PriorRange
+from policies.environments.randomization import Band, Ranges
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from study.trials.rollout_budget import Budget, center
 from study.trials.training_setup import TrainingSetup
@@ -43,7 +43,7 @@ PRIOR_ALONE = Unmeasured(lambda own: TrainingSetup(own.prior, Band(own.named(own
 """The agent is trained at what an engineer would assume."""
 
 WHOLE_PRIOR_RANGE = Unmeasured(
-    lambda own: TrainingSetup(own.prior, PriorRange(own.names)), "prior range", "Tobin 2017, Peng 2018"
+    lambda own: TrainingSetup(own.prior, Ranges.of(own.prior, own.names)), "prior range", "Tobin 2017, Peng 2018"
 )
 """Every episode draws the parameters from all that is plausible. Tobin et al., "Domain randomization for transferring
 deep neural networks from simulation to the real world", IROS 2017; Peng et al., ICRA 2018, of whom the policy's memory

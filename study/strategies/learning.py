@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from policies.environments.randomization import PriorRange
+from policies.environments.randomization import Ranges
 from study.strategies.strategy import Dialogue, Learn, Situation, Strategy, Train
 from study.trials.training_setup import TrainingSetup
 
@@ -26,7 +26,8 @@ class FineTuning(Strategy):
     least: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
-        (agent,) = yield Train((TrainingSetup(situation.prior, PriorRange(situation.names)),), critics=True)
+        setup = TrainingSetup(situation.prior, Ranges.of(situation.prior, situation.names))
+        (agent,) = yield Train((setup,), critics=True)
         return (yield Learn(situation.budget, agent)) if situation.budget else agent
 
 

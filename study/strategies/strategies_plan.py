@@ -37,7 +37,7 @@ class StrategiesPlan(TrialPlan):
     algorithm: str = field(default="shac", kw_only=True)
     steps: int = field(default=2_048_000, kw_only=True)
     learner_steps: int = 25_000
-    layout: ClassVar[int] = 3
+    layout: ClassVar[int] = 4
     kind: ClassVar[str] = "strategies"
     page: ClassVar[str] = "study.strategies.strategies_page"
 

@@ -10,7 +10,7 @@ from policies.environments import task
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.gymnasium_env import PendulumEnv
 from policies.environments.random_streams import Purpose, generator
-from policies.environments.randomization import Band, Mixture, PriorRange, RandomForce
+from policies.environments.randomization import Band, Mixture, RandomForce, Ranges
 from study.paper.protocol import paper_model
 from sysid import (
     CATALOGUE,
@@ -25,7 +25,7 @@ from sysid import (
     Viscous,
 )
 
-BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), Ranges.of(paper_model(), ("m", "l"))]
 
 
 def make(randomizations=BANDS, seeds=(4, 5, 6), **options):
@@ -73,7 +73,7 @@ def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, his
 
 
 def test_a_new_episode_draws_new_parameters_and_a_new_start():
-    env = make([PriorRange()] * 2, (1, 2))
+    env = make([Ranges.of(paper_model(), ("m", "l"))] * 2, (1, 2))
     first = begin(env), env.get_extra_state()["parameters"]
     second = begin(env), env.get_extra_state()["parameters"]
     assert (first[0] != second[0]).all()
@@ -142,7 +142,7 @@ def test_bad_input_is_named():
     with pytest.raises(InvalidInput, match="expected the same"):
         make([Band({"m": 1.0}), Band({"l": 1.0})], (1, 2))
     with pytest.raises(InvalidInput, match="u_max"):
-        BatchedPendulums(Model(RodPendulum()), [PriorRange()], [0])
+        BatchedPendulums(Model(RodPendulum()), [Ranges.of(paper_model(), ("m", "l"))], [0])
 
 
 MIXED = [RandomForce(BANDS[0], 0.9, 0.1), BANDS[1], RandomForce(BANDS[2], 0.4, 0.0)]

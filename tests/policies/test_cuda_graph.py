@@ -8,7 +8,7 @@ from torch.fx.experimental.proxy_tensor import make_fx
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from policies.environments.randomization import Band, PriorRange, RandomForce
+from policies.environments.randomization import Band, RandomForce, Ranges
 from policies.training.cuda_graph import CudaGraph
 from policies.training.sac import SACPopulation, SACSettings
 from policies.training.shac import SHACPopulation, SHACSettings
@@ -20,7 +20,7 @@ SETTINGS = {
     SACPopulation: SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40),
     SHACPopulation: SHACSettings(hidden=(16, 16), environments=8, horizon=5, steps=4000),
 }
-BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Ranges.of(paper_model(), ("m", "l"))]
 RANDOM_FORCES = [RandomForce(BANDS[0], 0.5, 0.1), BANDS[1]]
 MODELS = {
     "paper": paper_model(),

@@ -11,13 +11,13 @@ from gymnasium.utils.env_checker import check_env
 import policies
 from policies.environments.gymnasium_env import PendulumEnv, pendulum_v1
 from policies.environments.machine import machine_of
-from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
+from policies.environments.randomization import Band, Fixed, RandomForce, Ranges
 from study.paper.protocol import paper_model
 from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous, load, save
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("randomization", [None, PriorRange()])
+@pytest.mark.parametrize("randomization", [None, Ranges.of(paper_model(), ("m", "l"))])
 def test_gymnasium_accepts_it(randomization):
     env = gymnasium.make(policies.ENV_ID, model=paper_model(), randomization=randomization)
     check_env(env.unwrapped)

@@ -13,7 +13,7 @@ from policies.environments.machine import (
     past_commands_needed,
     with_command_interval,
 )
-from policies.environments.randomization import Band, Fixed, PriorRange
+from policies.environments.randomization import Band, Fixed, Ranges
 from study.paper.protocol import paper_model
 from sysid import (
     CATALOGUE,
@@ -111,7 +111,7 @@ def test_every_effect_of_the_catalogue_is_carried():
 
 
 def test_the_papers_whole_prior_is_stable():
-    check_machine(paper_model(), PriorRange())
+    check_machine(paper_model(), Ranges.of(paper_model(), ("m", "l")))
     check_machine(paper_model(), Band({"m": 1.0, "l": 1.0}, 0.5))
 
 

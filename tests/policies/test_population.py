@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict
 
 from policies.environments import task
-from policies.environments.randomization import Band, PriorRange
+from policies.environments.randomization import Band, Ranges
 from policies.evaluation import evaluate, start_states
 from policies.network_policy import NetworkPolicy
 from policies.training.sac import SACPopulation, SACSettings
@@ -17,7 +17,7 @@ from study.paper.protocol import paper_model
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)
-BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), Ranges.of(paper_model(), ("m", "l"))]
 
 
 ACTION, REWARD = 3, 7

@@ -10,7 +10,6 @@ from policies.environments.randomization import (
     Fixed,
     Mixture,
     Posterior,
-    PriorRange,
     RandomForce,
     Ranges,
     SingleEffect,
@@ -30,7 +29,7 @@ def draws(randomization, seed=0, model=MODEL):
 
 
 def test_no_width_trains_at_the_centre_alone():
-    assert PriorRange().sample(np.random.default_rng(0), MODEL).keys() == {"m", "l"}
+    assert Ranges.of(MODEL, ("m", "l")).sample(np.random.default_rng(0), MODEL).keys() == {"m", "l"}
     assert Band({"m": 2.0, "l": 1.5}).sample(np.random.default_rng(0), MODEL) == {"m": 2.0, "l": 1.5}
 
 
@@ -38,7 +37,7 @@ def test_no_width_trains_at_the_centre_alone():
     ("randomization", "ranges"),
     [
         (Band({"m": 2.0, "l": 1.5}, w=0.3), {"m": (1.4, 2.6), "l": (1.05, 1.95)}),
-        (PriorRange(), {"m": (0.3, 3.0), "l": (0.3, 3.0)}),
+        (Ranges.of(MODEL, ("m", "l")), {"m": (0.3, 3.0), "l": (0.3, 3.0)}),
     ],
 )
 def test_parameters_are_uniform_and_independent(randomization, ranges):
@@ -119,13 +118,14 @@ def test_ranges_that_mean_nothing_are_refused():
     for ends in ((2.0, 1.0), (0.0, np.inf), (np.nan, 1.0)):
         with pytest.raises(InvalidInput, match="range of m"):
             Ranges({"m": ends})
+    with pytest.raises(InvalidInput, match="unknown parameter 'mass'"):
+        Ranges.of(MODEL, ("mass",))
 
 
 @pytest.mark.parametrize(
     "unknown",
     [
         Band({"mass": 1.0}),
-        PriorRange(("mass",)),
         Ranges({"mass": (1.0, 2.0)}),
         Posterior(("mass",), (1.0,), ((1.0,),)),
         Mixture(({"mass": 1.0},)),
@@ -238,7 +238,6 @@ def test_a_random_force_that_means_nothing_is_refused(number):
     [
         Fixed(),
         Band({"m": 2.0}, 0.1),
-        PriorRange(),
         Ranges({"m": (1, 2)}),
         Posterior(("m", "l"), (1.5, 1.2), np.array(COVARIANCE)),
         Mixture(EITHER),

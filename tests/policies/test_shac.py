@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from policies.control.references import references
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.machine import past_commands_needed
-from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
+from policies.environments.randomization import Band, Fixed, RandomForce, Ranges
 from policies.evaluation import batch_returns, fresh_start_states
 from policies.training.shac import SHACPopulation, SHACSettings
 from study.paper.protocol import paper_model
@@ -19,7 +19,7 @@ from sysid import CATALOGUE, Coulomb, Delay, InvalidInput, Model, RodPendulum, S
 from sysid.physics.effects import effect
 
 SMALL = SHACSettings(hidden=(16, 16), environments=8, horizon=5, steps=2000)
-BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), Ranges.of(paper_model(), ("m", "l"))]
 
 
 def make(randomizations=BANDS, seeds=(0, 1, 0), settings=SMALL, model=None, **options):

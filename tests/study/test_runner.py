@@ -89,7 +89,7 @@ def test_every_run_is_of_its_points_plant_and_estimate(finished):
 def test_the_prior_range_is_trained_whatever_the_label_says(finished):
     _, _, runs, _ = finished
     kinds = {r.cell.point: r.settings["randomization"]["kind"] for r in runs}
-    assert kinds == {"main": "Band", "small_gap": "Band", "prior_range": "PriorRange"}
+    assert kinds == {"main": "Band", "small_gap": "Band", "prior_range": "Ranges"}
 
 
 def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished):
