@@ -29,8 +29,7 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
         if given and settings.kind not in kinds:
             raise InvalidInput(f"{option} {given}: expected a preset of {expected}, not {settings.name}")
     experiment = importlib.import_module(settings.experiment)
-    opened: AbstractContextManager[Any] = experiment.open_experiment(settings, options)
-    return opened
+    return experiment.open_experiment(settings, options)
 
 
 ABOUT = """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-small: the same as paper

@@ -160,7 +160,7 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._look()
         return self._observation(), reward, False, False, {}
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The rod as it stands, upright at the top.
 
         Returns

@@ -57,7 +57,7 @@ class Randomization(ABC):
         dict
             The kind and its numbers.
         """
-        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
+        return {"kind": type(self).__name__, **asdict(self)}
 
 
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
@@ -255,8 +255,7 @@ class Posterior(Randomization):
         sd = np.sqrt(np.diag(C))
         scale = np.where(sd > 0.0, sd, 1.0)
         size, direction = np.linalg.eigh(C / np.outer(scale, scale))
-        root: Array = scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
-        return root
+        return scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -83,5 +83,5 @@ def largest_difference(policy: NetworkPolicy, model: ModelProto) -> float:
     speed = rng.uniform(-1.0, 1.0, 1000) * 10.0 ** rng.uniform(-1.0, 2.0, 1000)
     past = rng.uniform(-1.0, 1.0, (1000, policy.history))
     x = np.column_stack((np.cos(theta), np.sin(theta), speed, past)).astype(np.float32)
-    answered: Any = ReferenceEvaluator(model).run(None, {"observation": x})[0]
+    answered = ReferenceEvaluator(model).run(None, {"observation": x})[0]
     return float(np.max(np.abs(answered[:, 0] - policy.command(x)))) / policy.u_max

@@ -68,7 +68,7 @@ class WrittenOutMLP(torch.autograd.Function):
         return y
 
     @staticmethod
-    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
         """dL/dx, and dL/d leaves where they learn."""
         depth = (len(ctx.saved_tensors) + 1) // 3
         passed, leaves = [*ctx.saved_tensors[:depth], slope], ctx.saved_tensors[depth:]

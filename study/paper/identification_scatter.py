@@ -104,12 +104,11 @@ class Scatter:
 
     def thetas(self, sigma: float, n: int, *, clean: bool = False) -> Array:
         """theta_hat (seeds, 2) with a noise and a budget."""
-        found: Array = (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
-        return found
+        return (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
 
     def errors(self, sigma: float) -> Array:
         """||theta_hat - truth|| (budgets, seeds) with a noise."""
-        off: Array = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
+        off = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
         return np.hypot(off[..., 0], off[..., 1])
 
     def edge(self, sigma: float, n: int) -> NDArray[np.bool_]:

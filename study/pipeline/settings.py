@@ -56,8 +56,7 @@ class StudySettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Every setting as plain JSON values."""
-        data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
-        return data
+        return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @property
     def arguments(self) -> str:

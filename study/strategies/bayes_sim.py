@@ -114,7 +114,7 @@ class DensityNetwork:
                 best, kept = held_out, {name: leaf.clone() for name, leaf in self.network.state_dict().items()}
         self.network.load_state_dict(kept)
 
-    def _parts(self, x):  # type: ignore[no-untyped-def]
+    def _parts(self, x):
         """log pi (N, K), mu (N, K, P) and L (N, K, P, P)."""
         import torch
 
@@ -128,7 +128,7 @@ class DensityNetwork:
         L[:, :, rows, columns] = on
         return torch.log_softmax(logits, -1), mean.reshape(len(x), self.K, self.P), L
 
-    def _log_density(self, x, y):  # type: ignore[no-untyped-def]
+    def _log_density(self, x, y):
         import torch
 
         weight, mean, L = self._parts(x)

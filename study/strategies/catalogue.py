@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from study.strategies.strategy import Strategy
@@ -50,8 +50,7 @@ def _found(name: str) -> type[Strategy] | Strategy:
 
     if name in PLACES:
         module, _, own = PLACES[name].partition(":")
-        found: Any = getattr(importlib.import_module(f"study.strategies.{module}"), own)
-        return found
+        return getattr(importlib.import_module(f"study.strategies.{module}"), own)
     path, _, own = name.rpartition(":")
     if not path.endswith(".py"):
         raise InvalidInput(f"unknown strategy {name!r}: expected one of {', '.join(PLACES)}, or FILE.py:CLASS")

@@ -65,8 +65,7 @@ class Dropo(Strategy):
 
         def misfits(x: list[Array]) -> list[float]:
             mean, sd = self._of(situation, np.array(x))
-            found: list[float] = (-likelihoods(situation, mean, sd, (before, u, after), z, error)).tolist()
-            return found
+            return (-likelihoods(situation, mean, sd, (before, u, after), z, error)).tolist()
 
         draws = situation.rng.standard_normal
         options = {"bounds": [0.0, 1.0], "maxfevals": self.evaluations, "verbose": -9, "randn": lambda *s: draws(s),

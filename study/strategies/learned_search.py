@@ -62,8 +62,7 @@ class EpisodeNetwork:
         import torch
 
         with torch.no_grad():
-            found: Array = self.network(self._inputs(seen, np.broadcast_to(x, (len(seen), x.shape[-1])))).numpy()
-        return found
+            return self.network(self._inputs(seen, np.broadcast_to(x, (len(seen), x.shape[-1])))).numpy()
 
     def _inputs(self, seen: Array, x: Array) -> Any:
         import torch

@@ -113,8 +113,7 @@ class BoundedNormal:
     def root(self) -> Array:
         """R (P, P) of covariance = R R'."""
         value, vector = np.linalg.eigh(self.covariance)
-        root: Array = vector * np.sqrt(np.maximum(value, 0.0))
-        return root
+        return vector * np.sqrt(np.maximum(value, 0.0))
 
     def draws(self, rng: np.random.Generator, count: int) -> Array:
         """So many parameters (count, P). Where hardly any lie within the bounds, others are moved to the nearest."""

@@ -247,8 +247,7 @@ def cost_of_errors(posterior: BoundedNormal, true: Array, loss: Array) -> Array:
     numbers, inverse = posterior.coordinates.numbers, np.linalg.pinv(posterior.root)
     share, _ = nnls(((numbers(true) - numbers(posterior.centre)) @ inverse.T) ** 2, np.maximum(loss, 0.0))
     axes = inverse @ posterior.coordinates.slope
-    cost: Array = axes.T @ np.diag(share if np.any(share > 0.0) else np.ones(len(share))) @ axes
-    return cost
+    return axes.T @ np.diag(share if np.any(share > 0.0) else np.ones(len(share))) @ axes
 
 
 def _for_all_machines(decision: SwingUpDecision, believed: Array, true: Array) -> Array:
