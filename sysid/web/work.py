@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.cli.command_options import FitCommand, ModelOptions
+from sysid.cli.command_options import ModelOptions, OnLog
 from sysid.cli.commands import LogAndModel
 from sysid.data.files import whole, write_whole
 from sysid.data.json_file import plain
@@ -27,7 +27,7 @@ from sysid.data.record import Record, in_a_row, is_part
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
 from sysid.diagnosis.answer import Diagnosis
-from sysid.diagnosis.compare import compare
+from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.findings import chance, fitted_numbers, spaced_unit
 from sysid.diagnosis.ranked import Ranked
@@ -86,10 +86,11 @@ class Work:
     @cached_property
     def task(self) -> LogAndModel:
         """The log, its noise and the model to begin with: the one before, where there is one."""
-        start, known = self.state.start, self.number if self._has(Answer.MODEL) else self.node.parent
+        start = self.state.start
+        known = self.number if self.session.has(self.number, Answer.MODEL) else self.node.parent
         if known is not None:
             start = ModelOptions(model=self.session.of(known) / Answer.MODEL)
-        return LogAndModel.of(FitCommand(log=self.state.log, start=start))
+        return LogAndModel.of(OnLog(log=self.state.log, start=start))
 
     def run(self) -> None:
         """Everything that is not there yet, in the order in which a page shows it."""
@@ -101,13 +102,18 @@ class Work:
             ("writing the report", Answer.REPORT, self._report),
         )
         for part, file, do in parts:
-            if not self._has(file):
+            if not self.session.has(self.number, file):
                 self.progress.enter(part)
                 do()
 
     @cached_property
     def estimate(self) -> Estimate:
         return self._estimate_of(self.number)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """How far it is off, and where."""
+        return compare(self.estimate, self.task.held_out, self.task.sensor)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
@@ -119,7 +125,7 @@ class Work:
         task = self.task
         if self.node.parent is None:
             estimate = task.fitted()
-            self._write(Answer.BEGUN, begun_with(task.model, task.names, self.effects))
+            self.session.write(self.number, Answer.BEGUN, begun_with(task.model, task.names, self.effects))
         else:
             before, hold_out = self._estimate_of(self.node.parent), self.state.log.hold_out
             estimate = add(before, self.node.added, task.log, task.measured, hold_out).estimate
@@ -137,11 +143,10 @@ class Work:
                 sentences[str(name)] = list(found.sentences)
             except InvalidInput as error:
                 sentences[str(name)] = [str(error)]
-        self._write(Answer.EXPORTED, sentences)
+        self.session.write(self.number, Answer.EXPORTED, sentences)
 
     def _fails(self) -> None:
-        task, model = self.task, self.estimate.model
-        compared = compare(self.estimate, task.held_out, task.sensor)
+        task, model, compared = self.task, self.estimate.model, self.comparison
         torque = residual_torque(model, task.log, task.sensor)
         found = compared.to_dict() | {
             "ratio": plain(compared.ratio),
@@ -159,7 +164,7 @@ class Work:
             "rollouts": _places(task.log, task.held_out),
         }
         self._series(torque)
-        self._write(Answer.FAILS, found)
+        self.session.write(self.number, Answer.FAILS, found)
 
     def _reach(self, torque: ResidualTorque) -> float:
         """How far the residual torque reaches, or that of a model before reached: all are drawn on one scale."""
@@ -197,14 +202,13 @@ class Work:
             "remarks": list(found.remarks),
             "not_identifiable": [list(group) for group in found.not_identifiable],
         }
-        self._write(Answer.EFFECTS, data)
+        self.session.write(self.number, Answer.EFFECTS, data)
 
     def _report(self) -> None:
         """What the model lacks; of one that the next step would mend, where it fails."""
         from sysid.report.write import write_report
 
-        task, found = self.task, self.diagnosis
-        answer = compare(self.estimate, task.held_out, task.sensor) if found.mended else found
+        answer = self.comparison if self.diagnosis.mended else self.diagnosis
         write_report(answer, self.folder / Answer.REPORT)
 
     def experiment(self) -> None:
@@ -216,19 +220,13 @@ class Work:
         planned = next_experiment(self.estimate, rivals, limits, self.task.sensor, self.task.training)
         if planned.u.size:
             planned.write_csv(self.folder / Answer.NEXT)
-        self._write(Answer.PLANNED, {"sentence": str(planned)})
+        self.session.write(self.number, Answer.PLANNED, {"sentence": str(planned)})
 
     def _estimate_of(self, number: int) -> Estimate:
         saved = load(self.session.of(number) / Answer.MODEL).estimate
         if saved is None:
             raise InvalidInput(f"{Answer.MODEL} of model {number} holds no fit: expected one that the workbench wrote")
         return saved
-
-    def _has(self, name: Answer) -> bool:
-        return self.session.has(self.number, name)
-
-    def _write(self, name: Answer, data: dict[str, Any]) -> None:
-        self.session.write(self.number, name, data)
 
 
 def _told(numbers: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
