@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from study.formatting import capital
 from sysid.data.files import write_whole
 from sysid.report import figure_style
+from sysid.report.typesetting import capital
 
 STYLE: Any = figure_style.STYLE | {
     "font.family": "DejaVu Sans",

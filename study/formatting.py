@@ -29,11 +29,6 @@ def percent(share: float) -> str:
     return f"{number(100.0 * share)} %"
 
 
-def capital(text: str) -> str:
-    """The text with a capital first letter, and the others as they are."""
-    return text[:1].upper() + text[1:]
-
-
 def bracketed(
     mean: float, low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number
 ) -> str:

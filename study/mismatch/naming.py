@@ -29,7 +29,6 @@ from rich.table import Table
 from scipy.stats import binomtest
 from tyro.conf import arg
 
-from study.formatting import capital
 from study.mismatch.measured import measured_rollouts
 from study.mismatch.mismatch_plan import MISMATCH_PLANS, MismatchPlan
 from study.pipeline.executor import BriefTask, Processes, Task, WorkerFailed
@@ -43,6 +42,7 @@ from sysid import CATALOGUE, Diagnosis, Estimate, InvalidInput
 from sysid.cli.command_line import answer_one, entry_point
 from sysid.cli.command_options import option
 from sysid.data.files import file_errors
+from sysid.report.typesetting import capital
 
 PLAN, NAMING_TABLE = MISMATCH_PLANS["mismatch"], "naming.csv"
 

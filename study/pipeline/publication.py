@@ -17,13 +17,14 @@ import jinja2
 from rich.console import Console
 from rich.markup import escape
 
-from study.formatting import capital, number, signed
+from study.formatting import number, signed
 from study.pipeline.database import Database
 from study.pipeline.population_task import POLICY_FOLDER
 from study.pipeline.settings import StudySettings
 from study.pipeline.stages import duration
 from study.pipeline.tables import write_rows
 from sysid.data.files import write_whole
+from sysid.report.typesetting import capital
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

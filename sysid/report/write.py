@@ -108,7 +108,7 @@ def _(answer: Diagnosis) -> Page:
 
 def _warnings(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
     for doubt in answer.doubts:
-        yield f"{doubt[0].upper()}{doubt[1:]}."
+        yield f"{typesetting.capital(doubt)}."
     if answer.contacts:
         yield f"{contacts_sentence(answer.contacts)} No fit has used them."
     if more := contacts[len(answer.contacts) :]:

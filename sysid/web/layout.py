@@ -10,7 +10,7 @@ from dash import dcc, html
 
 from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.diagnosis.findings import quantity
-from sysid.report.typesetting import typeset_multiple
+from sysid.report.typesetting import capital, typeset_multiple
 from sysid.web import figures
 from sysid.web.jobs import Trainings
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
@@ -138,8 +138,8 @@ def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[A
     others = [[html.Code(o["effect"]), f" {o['formula']}  ({o['chance']})"] for o in found["others"]]
     return [
         html.P(next_sentence(found), className="summary"),
-        *(html.P(_capital(said) + ".", className="error") for said in found["doubts"]),
-        *(html.P(_capital(said) + ".", className="quiet") for said in (*together, *found["remarks"])),
+        *(html.P(capital(said) + ".", className="error") for said in found["doubts"]),
+        *(html.P(capital(said) + ".", className="quiet") for said in (*together, *found["remarks"])),
         html.Div(rows[:FIRST], className="rows"),
         *([html.Details([html.Summary(f"{len(rows) - FIRST} more were fitted"), more])] if rows[FIRST:] else []),
         *folded(f"{len(ruled_out)} effects are ruled out above a size", ruled_out),
@@ -148,16 +148,12 @@ def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[A
     ]  # fmt: skip
 
 
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
-
-
 def next_sentence(found: Mapping[str, Any]) -> str:
     """What to do next, in a sentence."""
     names = {r["effect"]: r["words"] for r in found["rows"]}
     if found["next"]:
         return f"What pays most: {' and '.join(names.get(n, n) for n in found['next'])}."
-    return _capital(str(found["finding"]))
+    return capital(str(found["finding"]))
 
 
 def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> html.Article:
