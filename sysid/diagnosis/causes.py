@@ -132,8 +132,10 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     name = max(paid, key=paid.__getitem__, default="")
     if not name or not paid[name] > 0.0:
         return None
-    others = (n for n, s in tested.items() if n != name and name in tested and s.lm > 0.0)
-    return name, tuple(n for n in others if collinearity(tested[n], tested[name]) > DEFAULT.collinear), fits[name]
+    if name not in tested:
+        return name, (), fits[name]
+    least, others = DEFAULT.high_collinearity, (n for n, s in tested.items() if n != name and s.lm > 0.0)
+    return name, tuple(n for n in others if collinearity(tested[n], tested[name]) > least), fits[name]
 
 
 def _other_numbers(found: Fit, share: float) -> Cause:

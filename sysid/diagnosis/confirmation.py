@@ -89,14 +89,14 @@ class Explanation:
         errors are larger than any noise could be."""
         settings = self.among.settings
         # a shared error is known roughly
-        limit = settings.worse if self.among.widened else math.sqrt(1.0 + settings.enough**2)
+        limit = settings.unseen_error_factor if self.among.widened else math.sqrt(1.0 + settings.remaining_error**2)
         beyond = not self.fitted_error < limit
         return beyond and not (self.fit.undisturbed and self.fitted_error < settings.largest_noise)
 
     @property
     def fails_elsewhere(self) -> bool:
         """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
-        return self.error.beyond_noise and not self.error.ratio < self.among.settings.worse * max(
+        return self.error.beyond_noise and not self.error.ratio < self.among.settings.unseen_error_factor * max(
             self.fitted_error, 1.0
         )
 
@@ -225,10 +225,9 @@ class Confirmation:
     def _drop_needless(self) -> None:
         """Drop needless additions one after the other; what is left errs no more than the model as it came.
 
-        An addition is needless if it raises the held-out error, or does not lower it by what matters (times its rarity,
-        and beside others by as much again; if it is `rare` and other effects still promise something, by `halved`); if
-        its size is compatible with 0 or not determined by the readings; if no machine has its numbers; or if another
-        makes up for it (`_making_up`).
+        An addition is needless if it does not lower the held-out error by as much as it has to (`_is_needless`); if its
+        size is compatible with 0 or not determined by the readings; if no machine has its numbers; or if another makes
+        up for it (`_making_up`).
         """
         while self.additions:
             sound = [a for a in self.additions if self._is_sound(a)] or self.additions
@@ -243,7 +242,7 @@ class Confirmation:
         """The addition that is the least, if any is nothing; else the rarest of those that no machine has or that the
         readings do not determine; else a zero for which another makes up."""
         fit = self.now.fit
-        nothing = [a for a in self.additions if is_nothing(fit, a.name, self.settings.sure)]
+        nothing = [a for a in self.additions if is_nothing(fit, a.name, self.settings.sure_size)]
         if nothing:
             return min(nothing, key=lambda a: squared_size(fit, a.name))
         unreal = [a for a in self.additions if is_undetermined(fit, a.name) or not is_plausible(fit, (a.name,))]
@@ -286,13 +285,13 @@ class Confirmation:
         return first
 
     def _is_rare(self, addition: Addition) -> bool:
-        return CATALOGUE[addition.name].rarity >= self.settings.rare
+        return CATALOGUE[addition.name].rarity >= self.settings.rare_from
 
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
-        """Whether a number of an effect is `swollen` in the fit `after`, or has another sign."""
+        """Whether a number of an effect is larger by `swollen_factor` in the fit `after`, or has another sign."""
         for number in after.model.names_of(name):
             was, now = (float(own.model.parameters[number].value) for own in (before, after))
-            if was * now < 0.0 or abs(now) > self.settings.swollen * abs(was):
+            if was * now < 0.0 or abs(now) > self.settings.swollen_factor * abs(was):
                 return True
         return False
 
@@ -319,10 +318,10 @@ class Confirmation:
 
     def _lowers_enough(self, left: Addition, ratio: float, without: Explanation) -> bool:
         """Whether the held-out error falls to `ratio` by what matters, times the rarity of what is added; beside others
-        by as much again. A rare one has to lower the excess by `halved`, too."""
+        by as much again. A rare one has to lower the error by what matters, and its excess by `rare_fall`."""
         before, least = without.error.ratio, self.settings.tolerance
         if self._is_rare(left):
-            return is_lowered(ratio, before, max(least, self.settings.halved)) and ratio <= (1.0 - least) * before
+            return is_lowered(ratio, before, max(least, self.settings.rare_fall)) and ratio <= (1.0 - least) * before
         rarity = CATALOGUE[left.name].rarity
         return is_lowered(ratio, before, min(least * (rarity + bool(without.additions)), 1.0))
 
@@ -336,9 +335,8 @@ class Confirmation:
         """Take back additions that imitate something unknown, and confirm the others anew after each.
 
         There are two cases. More torque, by what matters, is missing with the addition than without it, and it does not
-        halve the held-out error beyond the noise. Or what remains depends on the one quantity of which the effect is a
-        function, and the effect explains less than `most` of it (if it depends on others, too, of the part of it that
-        this quantity predicts), or only with a number driven to its bound.
+        lower the held-out error by a `decisive_fall`. Or what remains depends on the one quantity of which the effect
+        is a function, and the effect explains less than `explained_share` of it, or only with a number at its bound.
         """
         before = self.additions
         while (imitation := self._imitation()) is not None:
@@ -357,7 +355,7 @@ class Confirmation:
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
             comparable = not self.base.samples.shared
             more = comparable and self.now.torque.after > (1.0 + self.settings.tolerance) * fewer.torque.after
-            worse = more and not is_lowered(self.now.error.ratio, fewer.error.ratio, self.settings.telling)
+            worse = more and not is_lowered(self.now.error.ratio, fewer.error.ratio, self.settings.decisive_fall)
             if worse or self._is_part_of_unknown(addition, fewer):
                 return addition
         return None
@@ -370,7 +368,7 @@ class Confirmation:
         alone = remaining.depends_on == (imitates,)
         after, before = (own.missing_over(imitates, alone) for own in (self.now, fewer))
         bent = self.now.fit.at_bounds - self.base.at_bounds
-        return bool(bent) or after > (1.0 - self.settings.most) * before
+        return bool(bent) or after > (1.0 - self.settings.explained_share) * before
 
     def _reconsider(self) -> None:
         """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the
@@ -403,16 +401,19 @@ class Confirmation:
             self.friction, self.now, self.unconfirmed = found, self.bare, []
 
     def _leaves_more(self, found: FrictionAlong) -> bool:
-        """Whether the additions leave more torque missing than friction along the motion does, and no inertia shows.
-        If one shows, they have to leave `farther` times as much, and predictions to err beyond the noise; and there are
-        no additions, or they lack the dry friction that shows, or the inertia beside them is quite `another`."""
+        """Whether the additions leave more torque missing than friction along the motion does.
+
+        If an inertia shows in the torque, that has to be more by `farther_factor`, and predictions have to err beyond
+        the noise. And the additions have to be wrong: there are none, or they lack the dry friction that shows, or the
+        inertia beside them is another (`inertia_factor`).
+        """
         torque, end = self.now.torque, self.now.fit
         more = torque.after / max(math.sqrt(1.0 - found.share) * torque.drive, 1e-300)
         if not found.shows_inertia:
             return more > 1.0
-        if more <= self.settings.farther or self.now.error.ratio < 1.0:
+        if more <= self.settings.farther_factor or self.now.error.ratio < 1.0:
             return False
-        another = found.contradicts(end.inertia, self.settings.another)
+        another = found.contradicts(end.inertia, self.settings.inertia_factor)
         lacking = found.shows_dry_friction and not any(e.is_dry for e in end.model.effects)
         return another or lacking or not self.additions
 

@@ -30,7 +30,7 @@ def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
     return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
 
 
-def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
+def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure_size) -> bool:
     """Whether the sizes of an effect are compatible with 0 (`squared_size`); False if the readings leave them open."""
     return squared_size(found, name) < sure
 
@@ -103,7 +103,7 @@ def shows_in_balance(before: Model, after: Fit, settings: SearchSettings) -> boo
     new = {e.name for e in after.model.effects} - {e.name for e in before.effects}
     if balance is None or not new <= set(FRICTIONS):
         return False
-    return balance.deviance(before) - balance.deviance(after.model) > settings.balanced
+    return balance.deviance(before) - balance.deviance(after.model) > settings.balance_deviance
 
 
 def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:

@@ -170,7 +170,7 @@ def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
     """Whether the friction along the motion contradicts the inertia of a final fit, which then tells nothing of hands;
     `base` is the fit of the model as it came."""
     along = friction_along(base.model, base.names, search.records, search.records, search.sensor)
-    return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.another)
+    return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.inertia_factor)
 
 
 def _best_search(
@@ -301,7 +301,7 @@ class _Report:
             name = trial.single
             if name and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
                 found = settled(trial.fit)
-                if found.deviance - end.deviance < self.search.settings.close and is_plausible(found, (name,)):
+                if found.deviance - end.deviance < self.search.settings.close_deviance and is_plausible(found, (name,)):
                     yield Alternative(name, fitted_numbers(found.estimate(), name))
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:

@@ -135,7 +135,7 @@ class Search:
         tried = self._trials(now)
         if helped is not None:
             tried = sorted([*tried, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
-        before, least = self.names, now.deviance - self.settings.close
+        before, least = self.names, now.deviance - self.settings.close_deviance
         nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
         among, more = tried, iter((partial(self._others, trials=tried), self._simulated, self._composites))
         while True:
@@ -170,7 +170,7 @@ class Search:
         effects. The simpler forms of a refinement are fitted, too.
         """
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
-        promise, least = self.promise(self.last), self.settings.share
+        promise, least = self.promise(self.last), self.settings.least_promise
         best = max(promise.values(), default=0.0)
         single = [n for n, own in promise.items() if own > max(0.0, least * best)][: self.settings.trials]
         tried, enough = list[Trial](), set[tuple[str, ...]]()
@@ -178,7 +178,7 @@ class Search:
             if enough.isdisjoint(CATALOGUE[name].refines):
                 self._try_class(now, name, tried)
                 enough = {t.effects for t in tried if t.fit.undisturbed}
-        for name in self.settings.always:
+        for name in self.settings.always_tried:
             if hidden and not enough and name in promise and name not in single:
                 self._try_class(now, name, tried)
         for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
@@ -239,12 +239,12 @@ class Search:
     def _simulated(self, now: Fit) -> list[Trial]:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
         large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
-        quiet = now.disturbances.scaled(self.settings.quiet)
+        quiet = now.disturbances.scaled(self.settings.simulated_share)
         simulated = fit_parameters(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
-        for score in best[: self.settings.simulated]:
+        for score in best[: self.settings.simulated_trials]:
             begin = [score.best.at(score.sizes)]
             self._try(now, (score.name,), tried, begin, simulated)
             if all(t.effects != (score.name,) or t.merit <= 0.0 for t in tried):
@@ -273,7 +273,7 @@ class Search:
                 self._try(now, (chosen,), tried)
 
     def _same(self, a: Score, b: Score) -> bool:
-        return a.name == b.name or collinearity(a, b) > self.settings.same
+        return a.name == b.name or collinearity(a, b) > self.settings.same_collinearity
 
     def inseparable(self, name: str) -> tuple[str, ...]:
         """The effects that the log cannot tell from this one in the first round, whatever their sizes."""
@@ -323,36 +323,38 @@ class Search:
     # choosing ------------------------------------------------------------------------------------------------
 
     def _chosen(
-        self,
-        now: Fit,
-        trials: Sequence[Trial],
-        among: Sequence[Trial],
-        but: Collection[tuple[str, ...]],
+        self, now: Fit, trials: Sequence[Trial], among: Sequence[Trial], rejected: Collection[tuple[str, ...]]
     ) -> Trial | None:
-        """The best trial `among` these, without those in `but`, that pays, predicts left-out stretches no worse, and
-        matters. Another that is `nearly` as good is chosen if it predicts better by more than chance."""
-        ranked = [t for t in among if t.merit > 0.0 and t.effects not in but]
+        """The best trial `among` these that pays, is sound, predicts left-out stretches no worse, and matters. Another
+        that is `nearly_as_good` is chosen if it predicts better by more than chance. What was `rejected` before is not
+        tried again."""
+        ranked = [t for t in among if t.merit > 0.0 and t.effects not in rejected]
         if not ranked:
             return None
         first: Trial | None = None
-        others = self.names
-        for trial in (*(t for t in self._preferred(now, ranked[0]) if t.effects not in but), *ranked):
-            sound = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, others)
-            if not (sound and self._recurs(trial)):
-                continue
-            if not self._beats_its_simpler_forms(trial, trials):
+        for trial in (*(t for t in self._preferred(now, ranked[0]) if t.effects not in rejected), *ranked):
+            if not self._is_sound(trial, now, trials):
                 continue
             if first is not None:
-                near = trial.merit > self.settings.nearly * first.merit and matters(now.model, trial.fit, self.settings)
-                if near and self._predicts_better(first.fit, trial.fit):
+                near = trial.merit > self.settings.nearly_as_good * first.merit
+                if near and self._matters(now, trial) and self._predicts_better(first.fit, trial.fit):
                     return trial
-            elif self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
+            elif self._predicts(now, trial.fit) and self._matters(now, trial):
                 if trial.fit.undisturbed:
                     return trial
                 first = trial
             elif trial.single and trial.single not in self.negligible:
                 self.negligible.append(trial.single)
         return first
+
+    def _is_sound(self, trial: Trial, now: Fit, trials: Sequence[Trial]) -> bool:
+        """Whether a machine may have the effects with their numbers, the log determines these, a pattern comes back,
+        and a refinement beats its simpler forms."""
+        real = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, self.names)
+        return real and self._recurs(trial) and self._beats_its_simpler_forms(trial, trials)
+
+    def _matters(self, now: Fit, trial: Trial) -> bool:
+        return matters(now.model, trial.fit, self.settings)
 
     def _predicts_better(self, before: Fit, after: Fit) -> bool:
         """Whether left-out stretches are predicted better by more than the standard error. If the model lacks several
@@ -413,11 +415,11 @@ class Search:
             if len(numbers) == len(own.parameters):
                 bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
                 self._try(now, (other,), found, [effect(other, **bounded)])
-        return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close]
+        return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close_deviance]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
-        equal = self._alike(chosen, trials, self.settings.equal_deviance, self.settings.collinear)
-        rivals = self._alike(chosen, trials, self.settings.close, self.settings.rival)
+        equal = self._alike(chosen, trials, self.settings.equal_deviance, self.settings.high_collinearity)
+        rivals = self._alike(chosen, trials, self.settings.close_deviance, self.settings.rival_collinearity)
         p = p_value(now.deviance - chosen.fit.deviance, len(chosen.fit.names) - len(now.names))
         for name in chosen.effects:
             own = self.last[name]
@@ -458,8 +460,8 @@ class Search:
         """
         while self.additions:
             size = {a.name: squared_size(now, a.name) for a in self.additions}
-            nothing = [a for a in self.additions if size[a.name] < self.settings.sure]
-            doubtful = [a for a in self.additions if not size[a.name] > self.settings.clear]
+            nothing = [a for a in self.additions if size[a.name] < self.settings.sure_size]
+            doubtful = [a for a in self.additions if not size[a.name] > self.settings.clear_size]
             candidates = nothing or (doubtful if len(self.additions) > 1 else [])
             tried = [(a, self.without(now, a, a.replaced, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
@@ -502,7 +504,7 @@ class Search:
                 shared = {field for n in simpler for field in effect(n).parameters}
                 if (
                     is_plausible(now, (addition.name,))
-                    and not squared_size(now, addition.name, shared) < self.settings.sure
+                    and not squared_size(now, addition.name, shared) < self.settings.sure_size
                     and gain(now, other, (addition.name,)) > saved
                     and self._predicts(other, now)
                     and matters(other.model, now, self.settings)

@@ -34,69 +34,72 @@ class SearchSettings:
         record; None: as far as they tell of the machine (`telling_horizon`).
     steps : int
         Most additions.
-    trials : int
-        Most single effects that a round fits at first; as many others again if none of these pays.
-    share : float
-        Least expected gain of an effect that is fitted at first, as a share of the largest expected gain.
-    nearly : float
-        Least merit of a trial that is chosen for its better predictions, as a share of the best merit.
-    quiet : float
-        Share of the disturbances beside which the model is simulated if no effect pays otherwise.
-    simulated : int
-        Most candidates that are fitted after that simulation.
-    sure : float
-        Least squared size of an effect, per number and in units of its variance: two standard deviations.
-    clear : float
-        Squared size from which leaving the effect out is not tried: ten standard deviations.
-    same : float
-        Collinearity from which two effects are the same to this log.
-    collinear : float
-        Collinearity from which telling two effects apart takes 100 times the evidence of finding one.
-    equal_deviance : float
-        Difference of the deviance below which effects that are `collinear` are the same to this log, too: where the fit
-        is far from the truth, their sensitivities differ a little, but what they explain does not.
-    close : float
-        Difference of the deviance below which two effects explain a log equally well, if they are rivals.
-    rival : float
-        Collinearity from which two effects are rivals.
-    enough : float
-        Error of predictions beyond the noise, as a multiple of the noise, from which something that matters is still
-        missing.
-    worse : float
-        Ratio of the held-out error to that of what was fitted, from which something is missing that shows only in
-        held-out data; right models stay below 1.15.
-    most : float
-        Least share of the missing torque that a function of one quantity has to explain if what remains depends on that
-        quantity, too: it could be a part of something unknown. If what remains depends on others as well, the share is
-        of what this quantity predicts.
-    telling : float
-        An addition may leave more torque missing if it lowers the held-out error by this share of its excess over the
-        noise.
-    rare, halved : float
-        Rarity from which an effect has to lower that excess by the share `halved`, and not only by what matters: the
-        share that halves its square. A rare effect that explains less of it is likelier a part of something unknown.
-    swollen : float
-        A zero that is so many times as large beside another one as alone makes up for that; a rare effect with a number
-        so many times as large without another addition is another effect.
-    farther, another : float
-        A model leaves far more torque missing than friction along the motion if it is so many times as much, and has
-        quite another inertia than the torque shows if one is so many times the other.
-    balanced : float
-        Decrease of the deviance of an energy balance (`EnergyBalance`) from which its frictions matter, however little
-        predictions show of them.
-    largest_noise : float
-        Errors of so many times the noise cannot mean that the noise was given too small: something remains.
-    recurrences : float
-        How often a ripple or a periodic torque has to come back within a record.
-    blocks : int
-        Number of stretches that are left out in turn in the cross-validation of a candidate.
     samples : int
         Most samples of a log that are searched, spread over it: with more, intervals would be narrower, but a search
         would take minutes.
-    always : tuple of str
+    blocks : int
+        Number of stretches that are left out in turn in the cross-validation of a candidate.
+    trials : int
+        Most single effects that a round fits at first; as many others again if none of these pays.
+    least_promise : float
+        Least expected merit of an effect that is fitted at first, as a share of the largest expected merit.
+    always_tried : tuple of str
         Effects that are fitted in every round in which a random torque is needed, since it may hide them.
     composites : tuple of tuples of str
         Effects that come together and may not pay alone; what does not pay beside the others is dropped.
+    simulated_trials : int
+        Most candidates that are fitted after the model was simulated, which is done if no effect pays otherwise.
+    simulated_share : float
+        Share of the disturbances that are left in that simulation.
+    nearly_as_good : float
+        Least merit of a trial that is chosen for its better predictions, as a share of the best merit.
+    sure_size : float
+        Least squared size of an effect, per number and in units of its variance: two standard deviations.
+    clear_size : float
+        Squared size from which leaving the effect out is not tried: ten standard deviations.
+    recurrences : float
+        How often a ripple or a periodic torque has to come back within a record.
+    same_collinearity : float
+        Collinearity from which two effects are the same to this log.
+    high_collinearity : float
+        Collinearity from which telling two effects apart takes 100 times the evidence of finding one.
+    equal_deviance : float
+        Difference of the deviance below which effects of a high collinearity are the same to this log, too: where the
+        fit is far from the truth, their sensitivities differ a little, but what they explain does not.
+    rival_collinearity : float
+        Collinearity from which two effects are rivals.
+    close_deviance : float
+        Difference of the deviance below which rivals explain a log equally well.
+    balance_deviance : float
+        Decrease of the deviance of an energy balance (`EnergyBalance`) from which its frictions matter, however little
+        predictions show of them.
+    remaining_error : float
+        Error of predictions beyond the noise, as a multiple of the noise, from which something that matters is still
+        missing.
+    largest_noise : float
+        Errors of so many times the noise cannot mean that the noise was given too small: something is missing.
+    unseen_error_factor : float
+        Ratio of the held-out error to that of what was fitted, from which something is missing that shows only in
+        held-out data; right models stay below 1.15.
+    rare_from : float
+        Rarity from which an effect counts as rare.
+    rare_fall : float
+        A rare effect has to lower the held-out error's excess over the noise by this share, which halves its square.
+        One that explains less is likelier a part of something unknown.
+    explained_share : float
+        Least share of the missing torque that a function of one quantity has to explain if what remains depends on that
+        quantity, too: it could be a part of something unknown. If what remains depends on others as well, the share is
+        of what this quantity predicts.
+    decisive_fall : float
+        An addition with which more torque is missing stays if it lowers the held-out error's excess over the noise by
+        this share.
+    swollen_factor : float
+        If a zero grows by this factor when another zero is added, the two make up for each other. A rare effect of
+        which a number grows by it when another addition is left out is another effect.
+    farther_factor : float
+        A model leaves far more torque missing than friction along the motion does if it is by this factor.
+    inertia_factor : float
+        A model has quite another inertia than the torque along the motion shows if they differ by this factor.
 
     Raises
     ------
@@ -109,33 +112,11 @@ class SearchSettings:
     noise_share: float = 0.07
     horizon: float | None = None
     steps: int = 6
-    trials: int = 5
-    share: float = 0.2
-    nearly: float = 0.5
-    quiet: float = 1e-3
-    simulated: int = 3
-    sure: float = 4.0
-    clear: float = 100.0
-    same: float = 1.0 - 1e-5
-    collinear: float = 0.995
-    equal_deviance: float = 0.1
-    close: float = 3.0
-    rival: float = 0.8
-    enough: float = 0.3
-    worse: float = 1.25
-    most: float = 2.0 / 3.0
-    telling: float = 0.5
-    rare: float = 1.5
-    halved: float = 1.0 - math.sqrt(0.5)
-    swollen: float = 3.0
-    farther: float = 1.5
-    another: float = 1.5
-    balanced: float = 10.0
-    largest_noise: float = 10.0
-    recurrences: float = 2.0
-    blocks: int = BLOCKS
     samples: int = 6000
-    always: tuple[str, ...] = ("coulomb", "viscous", "tilt", "delay")
+    blocks: int = BLOCKS
+    trials: int = 5
+    least_promise: float = 0.2
+    always_tried: tuple[str, ...] = ("coulomb", "viscous", "tilt", "delay")
     composites: tuple[tuple[str, ...], ...] = (
         ("viscous", "coulomb"),
         ("coulomb", "tilt"),
@@ -152,6 +133,28 @@ class SearchSettings:
         ("torque_speed_limit", "coulomb", "delay"),
         ("coulomb", "flexible_transmission"),
     )
+    simulated_trials: int = 3
+    simulated_share: float = 1e-3
+    nearly_as_good: float = 0.5
+    sure_size: float = 4.0
+    clear_size: float = 100.0
+    recurrences: float = 2.0
+    same_collinearity: float = 1.0 - 1e-5
+    high_collinearity: float = 0.995
+    equal_deviance: float = 0.1
+    rival_collinearity: float = 0.8
+    close_deviance: float = 3.0
+    balance_deviance: float = 10.0
+    remaining_error: float = 0.3
+    largest_noise: float = 10.0
+    unseen_error_factor: float = 1.25
+    rare_from: float = 1.5
+    rare_fall: float = 1.0 - math.sqrt(0.5)
+    explained_share: float = 2.0 / 3.0
+    decisive_fall: float = 0.5
+    swollen_factor: float = 3.0
+    farther_factor: float = 1.5
+    inertia_factor: float = 1.5
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance < 1.0:

@@ -25,7 +25,7 @@ from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.effects import CATALOGUE
 
 NAMES = ("coulomb", "tilt", "viscous")
-TILT_IS_RARE = SearchSettings(rare=CATALOGUE["tilt"].rarity)
+TILT_IS_RARE = SearchSettings(rare_from=CATALOGUE["tilt"].rarity)
 SUBSETS = tuple(own for size in range(len(NAMES) + 1) for own in combinations(NAMES, size))
 
 
