@@ -209,7 +209,11 @@ def _view(values: Array) -> Any:
 @dataclass(frozen=True, eq=False)
 class Filter:
     """The Kalman filter's result on a log: `states` (M, N (N + 3) / 2), predicted covariances and means of z; and `own`
-    (M, 2 N + 4), gains, variances and errors of the readings."""
+    (M, 2 N + 4), gains, variances and errors of the readings.
+
+    If predicted means change by m and readings by R, then innovations change by W R + W H m, and the next predicted
+    mean by m' = Phi m + g - Gamma R. The readings of the two channels come in turn, with the gains K_1 and K_2.
+    """
 
     system: LinearSystem
     disturbances: Disturbances
@@ -245,68 +249,100 @@ class Filter:
         return found if math.isfinite(found) else math.inf
 
     @cached_property
-    def _parts(self) -> tuple[Array, Array, Array, Array]:
-        """W (M, 2, 2), W H (M, 2, N), Gamma (M, N, 2) and the band matrix of I less the shifted Phi.
-
-        If predicted means change by m and readings by R, then innovations change by W R + W H m, and the next predicted
-        mean by m' = Phi m + g - Gamma R.
-        """
-        s, own, M, N = self.system, self.own, len(self.own), self.size
-        at = _disturbing(len(s.inner_sd), self.disturbances.sigma_f > 0.0)
-        first, second = own[:, :N], own[:, N : 2 * N]
-        H = np.zeros((M, 2, N))
-        H[:, :, :2], H[:, s.shared, at[1:3]] = s.H, s.weight[:, None]
-        F = np.zeros((M, N, N))
+    def F(self) -> Array:
+        """The transition (M, N, N) from z to the next z; 0 at a record's end."""
+        s, at = self.system, self._disturbing
+        F = np.zeros((len(self.own), self.size, self.size))
         F[:, np.array(s.moving)[:, None], s.driving] = s.A
         F[:, np.array(at)[:, None], at] = self.disturbances.discrete(s.dt)[0][: len(at), : len(at)]
         F *= s.follows[:, None, None]
-        after = F - (F @ second[:, :, None]) @ H[:, 1, None, :]
-        Phi = after - (after @ first[:, :, None]) @ H[:, 0, None, :]
+        return F
+
+    @cached_property
+    def H(self) -> Array:
+        """The slopes (M, 2, N) of the readings in z."""
+        H = np.zeros((len(self.own), 2, self.size))
+        H[:, :, :2], H[:, self.system.shared, self._disturbing[1:3]] = self.system.H, self.system.weight[:, None]
+        return H
+
+    @cached_property
+    def W(self) -> Array:
+        """W (M, 2, 2): the second channel's innovation is what K_1 left of its reading."""
         sd = np.sqrt(self.variances)
-        W = np.zeros((M, 2, 2))
+        W = np.zeros((len(sd), 2, 2))
         W[:, 0, 0], W[:, 1, 1] = 1.0 / sd.T
-        W[:, 1, 0] = -np.einsum("mi,mi->m", H[:, 1], first) / sd[:, 1]
-        Gamma = np.concatenate([after @ first[:, :, None], F @ second[:, :, None]], axis=2)
+        W[:, 1, 0] = -np.einsum("mi,mi->m", self.H[:, 1], self._gains[0][:, :, 0]) / sd[:, 1]
+        return W
+
+    @cached_property
+    def WH(self) -> Array:
+        """W H (M, 2, N)."""
+        return self.W @ self.H
+
+    @cached_property
+    def Gamma(self) -> Array:
+        """Gamma = F ((1 - K_2 H_2) K_1, K_2) (M, N, 2)."""
+        K_1, K_2 = self._gains
+        after = self.F - (self.F @ K_2) @ self.H[:, 1, None, :]
+        return np.concatenate([after @ K_1, self.F @ K_2], axis=2)
+
+    @cached_property
+    def Phi(self) -> Array:
+        """Phi = F - Gamma H (M, N, N)."""
+        return self.F - self.Gamma[:, :, 1:] @ self.H[:, 1, None, :] - self.Gamma[:, :, :1] @ self.H[:, 0, None, :]
+
+    @cached_property
+    def band(self) -> Array:
+        """The band matrix (2 N, N M) of the identity less the shifted Phi."""
+        M, N = len(self.own), self.size
         band = np.zeros((2 * N, N * M))
         band[0] = 1.0
         for i in range(N):
             for j in range(N):
-                band[N + i - j, j::N] = -Phi[:, i, j]
-        return W, W @ H, Gamma, band
+                band[N + i - j, j::N] = -self.Phi[:, i, j]
+        return band
+
+    @property
+    def _gains(self) -> tuple[Array, Array]:
+        """K_1 and K_2, each (M, N, 1)."""
+        N = self.size
+        return self.own[:, :N, None], self.own[:, N : 2 * N, None]
+
+    @property
+    def _disturbing(self) -> list[int]:
+        """The indices in z of d, o, f and its rate."""
+        return _disturbing(len(self.system.inner_sd), self.disturbances.sigma_f > 0.0)
 
     def whiten(self, G: Array, R: Array) -> Array:
         """The change of the innovations (2 M, C) by small changes G (M, n, C) of the steps' ends and R (M, 2, C) of the
         readings, R in units of the sensor's sd."""
-        W, WH, _, _ = self._parts
-        innovations: Array = WH @ np.moveaxis(self._response(G, R), 0, -1)
+        innovations: Array = self.WH @ np.moveaxis(self._response(G, R), 0, -1)
         if np.any(R):
-            innovations += W @ R
+            innovations += self.W @ R
         return innovations.reshape(2 * len(G), G.shape[2])
 
     def _response(self, G: Array, R: Array) -> Array:
         """The change (C, M, N) of the predicted means by the changes G and R of `whiten`."""
-        _, _, Gamma, band = self._parts
         M, C, N = len(G), G.shape[2], self.size
         g = np.zeros((C, M, N))
         if C == 0:
             return g
         g[:, 1:, self.system.moving] = np.moveaxis(G, -1, 0)[:, :-1]
         if np.any(R):
-            g[:, 1:] -= np.moveaxis(Gamma @ R, -1, 0)[:, :-1]
+            g[:, 1:] -= np.moveaxis(self.Gamma @ R, -1, 0)[:, :-1]
         g[:, 1:][:, ~self.system.follows[:-1]] = 0.0
-        m, _ = dtbtrs(band, g.reshape(C, M * N).T, uplo="L")
+        m, _ = dtbtrs(self.band, g.reshape(C, M * N).T, uplo="L")
         return np.asarray(m).T.reshape(C, M, N)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
         """The mean of z (M, N) given all readings, after the model's predictions have changed by G (M, n), R (M, 2)."""
-        W, WH, _, band = self._parts
         M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.size) :]
         if G is not None and R is not None:
             m = self._response(G[:, :, None], R[:, :, None])[0]
-            e = e - np.einsum("mij,mj->mi", W, R) - np.einsum("mij,mj->mi", WH, m)
+            e = e - np.einsum("mij,mj->mi", self.W, R) - np.einsum("mij,mj->mi", self.WH, m)
             mean = mean + m
-        source = np.einsum("mij,mi->mj", WH, e).reshape(-1, 1)
-        adjoint, _ = dtbtrs(band, source, uplo="L", trans="T")
+        source = np.einsum("mij,mi->mj", self.WH, e).reshape(-1, 1)
+        adjoint, _ = dtbtrs(self.band, source, uplo="L", trans="T")
         smoothed: Array = mean + np.einsum("mij,mj->mi", self.covariance, np.asarray(adjoint).reshape(M, -1))
         return smoothed
 
@@ -325,25 +361,20 @@ class Filter:
         return np.sqrt(np.maximum(self.states[:, _diagonal(self.size)], 0.0))
 
     @cached_property
-    def _behind(self) -> tuple[Array, Array]:
-        """Phi (M, N, N), and the information I (M, N, N) about z in the readings from each instant on. It is found
-        backwards: I = (W H)'(W H) + Phi' I' Phi, where I' belongs to the next instant."""
-        (_, WH, _, band), N = self._parts, self.size
-        own = np.swapaxes(WH, 1, 2) @ WH
-        Phi = np.empty((len(WH), N, N))
-        for i in range(N):
-            for j in range(N):
-                Phi[:, i, j] = -band[N + i - j, j::N]
+    def information(self) -> Array:
+        """The information I (M, N, N) about z in the readings from each instant on. It is found backwards:
+        I = (W H)'(W H) + Phi' I' Phi, where I' belongs to the next instant."""
+        own = np.swapaxes(self.WH, 1, 2) @ self.WH
         information = np.empty_like(own)
-        after = np.zeros((N, N))
-        for k in range(len(WH) - 1, -1, -1):
-            information[k] = after = own[k] + Phi[k].T @ after @ Phi[k]
-        return Phi, information
+        after = np.zeros((self.size, self.size))
+        for k in range(len(own) - 1, -1, -1):
+            information[k] = after = own[k] + self.Phi[k].T @ after @ self.Phi[k]
+        return information
 
     def posterior_sd(self) -> Array:
         """The sd (M, N) of z given all readings; its covariance is P - P I P."""
-        P, (_, information) = self.covariance, self._behind
-        variance = np.diagonal(P - P @ information @ P, axis1=1, axis2=2)
+        P = self.covariance
+        variance = np.diagonal(P - P @ self.information @ P, axis1=1, axis2=2)
         return np.sqrt(np.maximum(variance, 0.0))
 
     def posterior_sd_of_sums(self, shares: Array) -> Array:
@@ -351,11 +382,11 @@ class Filter:
 
         For j < k:  cov(z_k, z_j) = (1 - P_k I_k) Phi_(k-1) ... Phi_j P_j
         """
-        P, (Phi, information), N = self.covariance, self._behind, self.size
-        left = np.eye(N)[2] - (P @ information)[:, 2]
+        P, N = self.covariance, self.size
+        left = np.eye(N)[2] - (P @ self.information)[:, 2]
         carried, variance = np.zeros((N, shares.shape[1])), np.zeros(shares.shape[1])
         for k, share in enumerate(shares):
             own = P[k, :, 2, None] * share
             variance += share * (left[k] @ (own + 2.0 * carried))
-            carried = Phi[k] @ (carried + own)
+            carried = self.Phi[k] @ (carried + own)
         return np.sqrt(np.maximum(variance, 0.0))
