@@ -64,8 +64,7 @@ def _rest(A: Array, b: Array, rows: Any = slice(None)) -> Array:
     """The residuals of b (n,) from a regression on the columns of A (n, c) that is fitted to some of the rows."""
     size = np.linalg.norm(A, axis=0)
     S = A / np.where(size > 0.0, size, 1.0)
-    rest: Array = b - S @ np.linalg.lstsq(S[rows], b[rows], rcond=1e-10)[0]
-    return rest
+    return b - S @ np.linalg.lstsq(S[rows], b[rows], rcond=1e-10)[0]
 
 
 def is_difference(records: Sequence[Record]) -> bool:

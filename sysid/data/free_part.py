@@ -83,7 +83,7 @@ def _turns(theta: Array) -> NDArray[np.intp]:
 
     way = float(np.ptp(theta))
     turns = [find_peaks(own, prominence=TURNS * way)[0] for own in (theta, -theta)]
-    return np.asarray(np.sort(np.concatenate(turns)), dtype=np.intp)
+    return np.sort(np.concatenate(turns))
 
 
 def _irregular(theta: Array) -> int:

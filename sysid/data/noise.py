@@ -230,7 +230,7 @@ def _beside_cubic(width: int) -> Array:
     """The kernel for a window's middle reading less the cubic that is fitted to the window (Savitzky-Golay)."""
     tau = np.arange(width) - width // 2
     powers = tau[:, None] ** np.arange(4.0)
-    kernel: Array = -np.linalg.pinv(powers)[0]
+    kernel = -np.linalg.pinv(powers)[0]
     kernel[width // 2] += 1.0
     return kernel
 
@@ -346,7 +346,7 @@ def _fitted(targets: Array, regressors: Array, keep: NDArray[np.bool_]) -> tuple
     size, direction = np.linalg.eigh(A.T @ A)
     good = size > 1e-10 * max(float(size[-1]), 1e-300)
     projected = direction[:, good].T @ (A.T @ targets[keep])
-    fit: Array = direction[:, good] @ (projected / size[good])
+    fit = direction[:, good] @ (projected / size[good])
     return targets - regressors @ fit, int(good.sum())
 
 

@@ -326,8 +326,7 @@ def in_a_row(instants: Sequence[Array]) -> Array:
     """Where each rollout begins [s] on a common axis of time, with gaps of 3 % of the longest rollout between them."""
     lengths = np.array([t[-1] - t[0] for t in instants])
     taken = lengths + 0.03 * np.max(lengths, initial=0.0)
-    begins: Array = np.cumsum(taken) - taken
-    return begins
+    return np.cumsum(taken) - taken
 
 
 def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:

@@ -88,7 +88,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
     """Which of the samples (M,) a stretch holds. Records of the same name are pieces of one, apart in time."""
     named = np.array([r.name == contact.name for r in samples.records])[samples.number]
-    return np.asarray(named & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end))
+    return named & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end)
 
 
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
@@ -188,7 +188,7 @@ def _elsewhere(points: Array, instants: Array, d: Array) -> Array:
     other &= np.cumsum(other, axis=1) <= _NEIGHBOURS
     values = np.where(other, d[near], np.nan)
     values[~other.any(axis=1), 0] = 0.0
-    return np.asarray(np.nanmedian(values, axis=1))
+    return np.nanmedian(values, axis=1)
 
 
 def _stretches(alone: NDArray[np.intp], wide: NDArray[np.bool_], record: NDArray[np.intp]) -> list[tuple[int, int]]:

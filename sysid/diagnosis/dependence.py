@@ -120,8 +120,7 @@ def _splines(x: Array, count: int) -> Array:
     inner = np.quantile(x, np.linspace(0.0, 1.0, count - 2)[1:-1])
     inner = np.unique(np.clip(inner, low + edge, high - edge))  # quantiles may coincide where x rests
     knots = np.concatenate([[low - edge] * 4, inner, [high + edge] * 4])
-    values: Array = BSpline.design_matrix(np.clip(x, low, high), knots, 3).toarray()
-    return values
+    return BSpline.design_matrix(np.clip(x, low, high), knots, 3).toarray()
 
 
 def _angles(theta: Array, turns: bool) -> Array:
@@ -134,7 +133,7 @@ def _angles(theta: Array, turns: bool) -> Array:
         return _splines(theta, count)
     width = 2.0 * math.pi / count
     apart = np.mod(theta[:, None] - width * np.arange(count) + math.pi, 2.0 * math.pi) - math.pi
-    return np.asarray(np.maximum(0.0, 1.0 - np.abs(apart) / width))
+    return np.maximum(0.0, 1.0 - np.abs(apart) / width)
 
 
 def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:

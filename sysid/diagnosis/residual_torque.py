@@ -95,7 +95,7 @@ class TorqueMap:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """The cells (I, J) in which the torque is larger than 2.6 of its sd."""
-        return np.asarray(np.nan_to_num(np.abs(self.torque)) > SIGMA_99 * np.nan_to_num(self.sd, nan=np.inf))
+        return np.nan_to_num(np.abs(self.torque)) > SIGMA_99 * np.nan_to_num(self.sd, nan=np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,8 +64,7 @@ class Disturbances:
     def shared_variance(self, lags: Array) -> Array:
         """The covariance [rad^2] of o + f with itself `lags` [s] later."""
         a = 2.0 * lags / self.T_f
-        covariance: Array = self.sigma_o**2 * np.exp(-lags / self.T_o) + self.sigma_f**2 * (1.0 + a) * np.exp(-a)
-        return covariance
+        return self.sigma_o**2 * np.exp(-lags / self.T_o) + self.sigma_f**2 * (1.0 + a) * np.exp(-a)
 
     def discrete(self, dt: float) -> tuple[Array, Array, Array]:
         """The transition (4, 4) of (d, o, f, f' T_f / 2) over dt [s], the covariance (4, 4) of its increments, and the

@@ -242,7 +242,7 @@ class EnergyBalance:
         if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.abs(left) < LARGEST_LOSS)):
             left = self.work.loss
         white = _whitened(self.L, left[self.counts])
-        return np.asarray(white - self.scale @ (self.scale.T @ white))
+        return white - self.scale @ (self.scale.T @ white)
 
     def deviance(self, model: Model) -> float:
         """-2 log likelihood of the balance, up to a constant. If the errors are larger than their standard deviations,
@@ -273,7 +273,7 @@ def _with_size(name: str, size: float) -> Effect:
 
 def _whitened(L: Array, rows: Array) -> Array:
     """Rows (K, ...) divided by a Cholesky factor, of which the diagonals L (2, K) are given."""
-    return np.asarray(solve_banded((1, 0), L, rows))
+    return solve_banded((1, 0), L, rows)
 
 
 def _balanced(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_]) -> _Balanced:
@@ -295,4 +295,4 @@ def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bo
     deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(L[0])))
     sizes, errors = numbers[: columns.shape[1]].tolist(), work.loss - every @ numbers
     sd = math.sqrt(variance * len(target) / max(len(target) - len(sizes) - 2, 1))
-    return _Balanced(deviance, sizes, errors, np.asarray(sd * L))
+    return _Balanced(deviance, sizes, errors, sd * L)

@@ -12,7 +12,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, HORIZON, left_out_errors
 from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error, with_smooth_error
 from sysid.estimation.solver import fit_parameters
-from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.effects import CATALOGUE
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
 from sysid.physics.model import Model
 
@@ -60,7 +60,7 @@ def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
     for kind in (CATALOGUE[name] for name in COMMON if name not in given):
         if braked and kind.brakes:
             continue
-        own: Effect = kind().at_beginning(extent)
+        own = kind().at_beginning(extent)
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)
     found = fit_parameters(samples, begun, (*names, *more))

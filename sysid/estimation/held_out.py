@@ -232,8 +232,7 @@ def _linearised(response: Response, starts: Array, among: Among = ALL) -> Linear
 
 def _cost(at: Linearisation) -> Array:
     """Half the sum of squares of each window (K,)."""
-    cost: Array = 0.5 * np.sum(at.e**2, axis=1)
-    return cost
+    return 0.5 * np.sum(at.e**2, axis=1)
 
 
 def _steps(at: Linearisation, damping: Array, reach: float) -> tuple[Array, Array]:

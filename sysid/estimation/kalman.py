@@ -316,7 +316,7 @@ class Filter:
     def whiten(self, G: Array, R: Array) -> Array:
         """The change of the innovations (2 M, C) by small changes G (M, n, C) of the steps' ends and R (M, 2, C) of the
         readings, R in units of the sensor's sd."""
-        innovations: Array = self.WH @ np.moveaxis(self._response(G, R), 0, -1)
+        innovations = self.WH @ np.moveaxis(self._response(G, R), 0, -1)
         if np.any(R):
             innovations += self.W @ R
         return innovations.reshape(2 * len(G), G.shape[2])
@@ -332,7 +332,7 @@ class Filter:
             g[:, 1:] -= np.moveaxis(self.Gamma @ R, -1, 0)[:, :-1]
         g[:, 1:][:, ~self.system.follows[:-1]] = 0.0
         m, _ = dtbtrs(self.band, g.reshape(C, M * N).T, uplo="L")
-        return np.asarray(m).T.reshape(C, M, N)
+        return m.T.reshape(C, M, N)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
         """The mean of z (M, N) given all readings, after the model's predictions have changed by G (M, n), R (M, 2)."""
@@ -343,8 +343,7 @@ class Filter:
             mean = mean + m
         source = np.einsum("mij,mi->mj", self.WH, e).reshape(-1, 1)
         adjoint, _ = dtbtrs(self.band, source, uplo="L", trans="T")
-        smoothed: Array = mean + np.einsum("mij,mj->mi", self.covariance, np.asarray(adjoint).reshape(M, -1))
-        return smoothed
+        return mean + np.einsum("mij,mj->mi", self.covariance, adjoint.reshape(M, -1))
 
     @cached_property
     def covariance(self) -> Array:

@@ -171,8 +171,7 @@ class Response:
         h, size = 1e-6 * self.reach, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
         up, down = (self.readings(states + s * direction, among) for s in (h, -h))
-        slopes: Array = np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
-        return slopes
+        return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
 
     # all together --------------------------------------------------------------------------------------------
 

@@ -158,7 +158,7 @@ class Fit:
         moved = [np.linalg.solve(N - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
         of_balance = np.linalg.norm(np.linalg.solve(N, B.T), axis=1) / size
         sd = np.sqrt(np.sum(np.square(moved), axis=0)) + of_balance
-        return np.asarray(sd**2 / np.diag(self.likelihood_covariance))
+        return sd**2 / np.diag(self.likelihood_covariance)
 
     @cached_property
     def _stretches(self) -> list[slice]:
@@ -268,7 +268,7 @@ def inverse(information: Array) -> Array:
     """
     size = np.sqrt(np.diag(information))
     shown = np.flatnonzero(size > 0.0)
-    covariance: Array = np.diag(np.where(size > 0.0, 0.0, np.inf))
+    covariance = np.diag(np.where(size > 0.0, 0.0, np.inf))
     if len(shown):
         both = np.ix_(shown, shown)
         scale = np.outer(size[shown], size[shown])

@@ -93,7 +93,7 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
     pinned = 1e3 * reach if record.theta is not None and sensor.theta is not None else 1.0
     normal.add([np.array([0])], [1.0], pinned, math.pi)
     _, x, _ = dpbsv(normal.band, normal.right, lower=1)
-    return np.asarray(x).reshape(-1, 3)[:, :2]
+    return x.reshape(-1, 3)[:, :2]
 
 
 class _NormalEquations:

@@ -206,8 +206,7 @@ class _Limits:
         # a positive number on its way down would be at its bound in two steps of its typical size
         longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
         moves = step != 0.0
-        shorter: Array = step * min([1.0, *(longest[moves] / np.abs(step[moves]))])
-        return shorter
+        return step * min([1.0, *(longest[moves] / np.abs(step[moves]))])
 
     def spread(self, filter: Filter) -> Array:
         """The half widths of the slopes (M, 3 + q): the filter's predicted sd, but at most `widest`. A filter knows

@@ -50,8 +50,7 @@ class Candidate:
             neutral = 0.0 if p.neutral is None else p.neutral
             inside = min(1e-3 * min(high - low, 1.0), 0.05 * abs(float(getattr(probe, k)) - neutral))
             values[k] = float(np.clip(neutral + a, low + inside, high - inside))
-        effect: Effect = self.neutral.with_parameters(values)
-        return effect
+        return self.neutral.with_parameters(values)
 
 
 def candidates_for(kind: type[Effect], extent: Extent) -> tuple[Candidate, ...]:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
@@ -257,7 +257,7 @@ class Parametric:
                 found[name] = Parameter(name, getattr(self, name), field=name, angles=angles, **own)
         return found
 
-    def with_parameters(self, values: Mapping[str, Value]) -> Any:
+    def with_parameters(self, values: Mapping[str, Value]) -> Self:
         """The same part holding other numbers: floats, arrays, CasADi symbols or tensors.
 
         Parameters

@@ -140,9 +140,7 @@ class Pool:
         """Whether the motions of all hypotheses keep to the limits (K,) or, where there are none, do not run away."""
         limits, slack = self.conditions.limits, 1.0 + 1e-6
         far, fast = np.max(np.abs(self.states - [self.rest, 0.0]), axis=(0, 2)).T
-        own: NDArray[np.bool_] = far <= slack * (limits.theta_max or FARTHEST)
-        own &= fast <= slack * (limits.theta_dot_max or FARTHEST)
-        return own
+        return (far <= slack * (limits.theta_max or FARTHEST)) & (fast <= slack * (limits.theta_dot_max or FARTHEST))
 
     @cached_property
     def samples(self) -> Samples:
@@ -162,8 +160,7 @@ class Pool:
     def calm(self) -> NDArray[np.bool_]:
         """Whether a signal's linearised motions let no initial error grow beyond what a fit can follow (K,)."""
         growth = [_growth(own.linearised.system.A, len(self.signals)) for own in self._sensitivities.values()]
-        calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
-        return calm
+        return np.max(growth, axis=0) <= LARGEST_GROWTH
 
     def unlike(self, truth: str, rival: str) -> Normal:
         """Normal equations for the rival's effect and numbers to imitate what effect `truth` does to the readings."""

@@ -24,16 +24,14 @@ def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: 
     f = np.linspace(f_max / tones, f_max, tones)
     phase = rng.uniform(0.0, 2.0 * math.pi, tones)
     signal = np.sum(np.sin(2.0 * math.pi * f * t[:, None] + phase), axis=1)
-    scaled: Array = u_max * signal / np.max(np.abs(signal))
-    return scaled
+    return u_max * signal / np.max(np.abs(signal))
 
 
 def chirp(n: int, dt: float, u_max: float, f_0: float, f_1: float) -> Array:
     """n torques [N m]: a sine of amplitude u_max whose frequency rises linearly from f_0 to f_1 [Hz]."""
     t = dt * np.arange(n)
     rate = (f_1 - f_0) / (n * dt)
-    signal: Array = u_max * np.sin(2.0 * math.pi * (f_0 * t + 0.5 * rate * t * t))
-    return signal
+    return u_max * np.sin(2.0 * math.pi * (f_0 * t + 0.5 * rate * t * t))
 
 
 def steps(rng: np.random.Generator, n: int, dt: float, u_max: float, hold: float) -> Array:

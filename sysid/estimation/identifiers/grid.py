@@ -83,7 +83,7 @@ class GridSearch:
         cells = [c.reshape(-1, 1) for c in np.meshgrid(*axes, indexing="ij")]
         names = tuple(self.parameters)
         grid = model.with_parameters(dict(zip(names, cells, strict=True)))
-        total: Array = np.zeros(len(cells[0]))
+        total = np.zeros(len(cells[0]))
         steps = _Steps(records)
         drives, count = steps.drives(grid), len(steps.u)
         width = max(1, _BLOCK // len(cells[0]))

@@ -292,8 +292,7 @@ def _carried(memory: Array, before: Array, after: Array) -> Array:
         return memory
     middle, spread = np.mean(before, axis=0), np.std(before, axis=0)
     slope = np.linalg.pinv((before - middle) / spread) @ (memory - np.mean(memory))
-    carried: Array = np.mean(memory) + ((after - middle) / spread) @ slope
-    return carried
+    return np.mean(memory) + ((after - middle) / spread) @ slope
 
 
 @cache
@@ -306,8 +305,7 @@ def _filter() -> type:
             self.sigmas_f = self.fx(self.points_fn.sigma_points(self.x, self.P), dt, **arguments)
 
         def cross_variance(self, x: Array, z: Array, sigmas_f: Array, sigmas_h: Array) -> Array:
-            product: Array = (sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z))
-            return product
+            return (sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z))
 
     return Filter
 
@@ -333,8 +331,7 @@ def square_root(P: Array) -> NDArray[np.floating[Any]]:
             return np.full_like(P, np.nan)
         scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
         size, direction = np.linalg.eigh(P / np.outer(scale, scale))
-        root: Array = (scale[:, None] * direction * np.sqrt(np.maximum(size, 1e-12))).T
-        return root
+        return (scale[:, None] * direction * np.sqrt(np.maximum(size, 1e-12))).T
 
 
 class Coordinates:
@@ -360,8 +357,7 @@ class Coordinates:
         unit = np.where(self._logistic, expit(s), s)
         if np.any(self._exponential):
             unit = np.where(self._exponential, np.exp(np.where(self._exponential, s, 0.0)), unit)
-        p: Array = self._origin + self._factor * unit
-        return p
+        return self._origin + self._factor * unit
 
     def inverse(self, p: Array) -> Array:
         """s (P,) of parameters (P,); a number at its bound counts as 3 % of the width (or scale) inside."""

@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -216,7 +216,7 @@ class Effect(Parametric):
             float(p.value) == p.neutral or (p.never and abs(float(p.value)) >= NEVER) for p in sized
         )
 
-    def at_beginning(self, extent: Extent) -> Any:
+    def at_beginning(self, extent: Extent) -> Self:
         """The same effect with the numbers from which a fit to a log of that extent begins, if none are known.
 
         Parameters
@@ -232,7 +232,7 @@ class Effect(Parametric):
         shown = extent._replace(u_max=extent.u_max or extent.inertia)
         return self.with_parameters({k: share * self.parameters[k].large(shown) for k, share in self.begins.items()})
 
-    def at_neutral(self) -> Any:
+    def at_neutral(self) -> Self:
         """The same effect with its parameters at the values at which it changes nothing.
 
         Returns

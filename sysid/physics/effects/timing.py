@@ -101,5 +101,4 @@ def decaying(entering: Array, decay: float) -> Array:
 
     N = entering.shape[-1]
     band = np.stack([np.ones(N), np.full(N, -decay)])
-    z: Array = solve_banded((1, 0), band, entering.reshape(-1, N).T).T.reshape(entering.shape)
-    return z
+    return solve_banded((1, 0), band, entering.reshape(-1, N).T).T.reshape(entering.shape)
