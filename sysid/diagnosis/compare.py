@@ -42,8 +42,8 @@ class Comparison:
 
     Attributes
     ----------
-    one_step, half_second, one_second, whole : HeldOutError
-        The error over windows of that length.
+    errors : dict
+        The errors over windows of some lengths, as HeldOutError: "one step", "0.5 s", "1 s" and "whole rollout".
     torque : ResidualTorque or None
         The torque that must act beyond the model, its means over theta, theta_dot, torque, time and over the states,
         and what it depends on; None if the model runs away within a sample.
@@ -63,10 +63,7 @@ class Comparison:
         Notes that were made when the records were read.
     """
 
-    one_step: HeldOutError
-    half_second: HeldOutError
-    one_second: HeldOutError
-    whole: HeldOutError
+    errors: dict[str, HeldOutError]
     torque: ResidualTorque | None
     whiteness: dict[str, Whiteness]
     causes: tuple[Cause, ...]
@@ -77,19 +74,9 @@ class Comparison:
     notes: tuple[str, ...] = ()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the records."""
-        return tuple(r.name for r in self.records)
-
-    @property
-    def errors(self) -> dict[str, HeldOutError]:
-        """The errors by the name of the horizon."""
-        return {
-            "one step": self.one_step,
-            "0.5 s": self.half_second,
-            "1 s": self.one_second,
-            "whole rollout": self.whole,
-        }
+    def one_second(self) -> HeldOutError:
+        """The error over windows of 1 s."""
+        return self.errors["1 s"]
 
     @property
     def ratio(self) -> float:
@@ -134,7 +121,7 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
         others = {
-            "records": self.names,
+            "records": [r.name for r in self.records],
             "noise": told(self.sensor, *CHANNELS),
             "errors": {name.replace(" ", "_"): e for name, e in self.errors.items()},
             "torque": None if self.torque is None else self.torque.to_dict(series=False),
@@ -211,10 +198,12 @@ def _compared(
     one_second, found = error_of(fit, 1.0), _followed(model, records, sensor)
     torque = None if found is None else torque_of(found)
     return Comparison(
-        one_step=held_out_error(model, records, sensor, shortest(sensor) * model.dt, near),
-        half_second=error_of(near, 0.5),
-        one_second=one_second,
-        whole=held_out_error(model, records, sensor, math.inf, fit),
+        errors={
+            "one step": held_out_error(model, records, sensor, shortest(sensor) * model.dt, near),
+            "0.5 s": error_of(near, 0.5),
+            "1 s": one_second,
+            "whole rollout": held_out_error(model, records, sensor, math.inf, fit),
+        },
         torque=torque,
         whiteness={} if found is None else whiteness(found),
         causes=_causes(found, torque, names, one_second),
