@@ -116,7 +116,7 @@ def _error(found: Fit, error: HeldOutError) -> float:
 def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     """The effect that pays most, those that the log cannot tell from it, and the fit with it; None if none pays."""
     tested = scores(found)
-    promise = {n: s.lm - price(n, PRICE, s.shapes) for n, s in tested.items() if s.visible}
+    promise = {n: s.merit(PRICE) for n, s in tested.items() if s.visible}
     likely = sorted((n for n, own in promise.items() if own > 0.0), key=lambda n: -promise[n])[:FITTED_EACH_ROUND]
     begun: list[Effect] = [tested[n].best.at(tested[n].sizes) for n in likely]
     free = {found.model.parameters[n].owner for n in found.names}
@@ -158,13 +158,13 @@ def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
 
 
 def _description(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    what = CATALOGUE[chosen.effect].label or chosen.effect.replace("_", " ")
+    what = CATALOGUE[chosen.effect].label
     sizes = {name.rpartition(".")[2]: _size(own["value"], own["unit"]) for name, own in numbers.items()}
     if len(sizes) == 1:
         said = f"{what} of about {sizes.popitem()[1]}"
     else:
         said = f"{what} (about {', '.join(f'{name} = {size}' for name, size in sizes.items())})"
-    others = [CATALOGUE[n].label or n.replace("_", " ") for n in chosen.indistinguishable]
+    others = [CATALOGUE[n].label for n in chosen.indistinguishable]
     return said + (f", or {' or '.join(others)}, which moves these readings alike" if others else "")
 
 

@@ -11,8 +11,8 @@ from sysid.data.json_file import plain, told
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.data.splitting import leave_out
 from sysid.diagnosis.causes import LARGE_SHARE, Cause, causes
+from sysid.diagnosis.contacts import without_contacts
 from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import Prediction, predicted
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
@@ -230,7 +230,7 @@ def _causes(
     if found is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
         return ()
     if torque.contacts:
-        rest = leave_out(found.samples.records, [(t.name, t.t_begin, t.t_end) for t in torque.contacts])
+        rest = without_contacts(found.samples.records, torque.contacts)
         if not rest:
             return ()
         found = followed(Samples(found.model, rest, found.samples.sensor), found.model)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.record import Record
+from sysid.data.splitting import leave_out
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import shown_extent
@@ -59,6 +61,11 @@ class Contact:
 def contacts_sentence(contacts: Sequence[Contact]) -> str:
     """A sentence that something outside the joint acted in these stretches."""
     return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
+
+
+def without_contacts(records: Sequence[Record], contacts: Sequence[Contact]) -> tuple[Record, ...]:
+    """The records without the contacts (`leave_out`)."""
+    return leave_out(records, [(c.name, c.t_begin, c.t_end) for c in contacts])
 
 
 def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = False) -> tuple[Contact, ...]:

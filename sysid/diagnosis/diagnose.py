@@ -16,10 +16,10 @@ from sysid.data.logs import notes_of
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
-from sysid.data.splitting import leave_out, sample_of, split
+from sysid.data.splitting import sample_of, split
 from sysid.diagnosis.answer import Alternative, Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation
-from sysid.diagnosis.contacts import Contact, find_contacts
+from sysid.diagnosis.contacts import Contact, find_contacts, without_contacts
 from sysid.diagnosis.criteria import is_plausible
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
@@ -39,7 +39,6 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import settled
-from sysid.estimation.scores import price
 from sysid.estimation.torque_regression import frees_gravity, friction_along
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
@@ -221,7 +220,7 @@ def _untouched(
 
 def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Record, ...] | None:
     """The records without the contacts; None if there are no contacts, or too little would be left."""
-    rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in contacts])
+    rest = without_contacts(records, contacts)
     return rest if contacts and sum(map(len, rest)) >= LEAST_LEFT * sum(map(len, records)) else None
 
 
@@ -329,10 +328,10 @@ class _Report:
 
     def _ranking(self, missing: float) -> tuple[Ranked, ...]:
         """First the effects that stayed, then others that were fitted, by merit, then the rest, by expected merit."""
-        first, each = self.search.first, self.search.settings.price
+        first = self.search.first
         stayed = [a for a in self.confirmed.additions if a.name in first]
         fits = {t.single: t.fit for t in self.search.trials if t.single}
-        merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
+        merit = {n: s.merit(self.search.settings.price) for n, s in first.items()}
         merit |= {t.single: t.merit for t in self.search.trials if t.single}
         fits |= {a.name: self.confirmed.explanation([a]).fit for a in stayed if a.name not in fits}
         fitted = sorted(fits, key=merit.__getitem__, reverse=True)

@@ -89,10 +89,7 @@ class Estimate:
     def ambiguous(self) -> tuple[str, ...]:
         """What these records leave undetermined, in sentences: combinations whose sd is above half their size."""
         parameters = self.model.parameters
-        # a friction or a delay may well be 0, and then its size cannot serve as the scale
-        scale = np.array(
-            [max(p.scale, 0.0 if p.neutral is None else 0.01) for p in map(parameters.get, self.names) if p]
-        )
+        scale = np.array([parameters[n].yardstick for n in self.names])
         lost = [n for n, v in zip(self.names, np.diag(self.covariance), strict=True) if not math.isfinite(v)]
         unknown = ("the records do not determine these parameters: " + ", ".join(lost or self.names),)
         if not np.all(np.isfinite(self.covariance)):

@@ -50,6 +50,10 @@ class Score:
         """The number of parameters that the effect brings."""
         return len(self.best.neutral.parameters)
 
+    def merit(self, each: float) -> float:
+        """The decrease of the deviance that is expected beyond the effect's `price`."""
+        return self.lm - price(self.name, each, self.shapes)
+
     @cached_property
     def basis(self) -> Array:
         """Orthonormal columns (2 M, q) that span how the effect can change the innovations."""

@@ -64,7 +64,7 @@ def _left_out(model: Model, effect: Effect, language: str) -> str:
     elif isinstance(effect, OutputEffect):
         reason = "it is of the sensor, and a simulator's joint shows its true state"
     else:
-        reason = f"{language} has no word for {effect.label or effect.formula or 'it'}"
+        reason = f"{language} has no word for {effect.label}"
     return f"{effect.name} ({numbers}) is not in the file: {reason}."
 
 

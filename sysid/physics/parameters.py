@@ -125,6 +125,12 @@ class Parameter:
         """A typical size: that of the number itself or, at zero, a tenth of the bounds' width but no more than 0.1."""
         return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
 
+    @property
+    def yardstick(self) -> float:
+        """The size that its error is compared with: `scale`, but at least 0.01 if it may be nothing, as a friction or a
+        delay may. A number near 0 is no measure of its own error."""
+        return max(self.scale, 0.0 if self.neutral is None else 0.01)
+
     def large(self, extent: Extent) -> float:
         """A large number on a log of that extent: 1 in its unit, but with the log's own torque, inertia and reach.
 

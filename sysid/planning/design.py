@@ -278,9 +278,9 @@ def expected_cost(weight: Array, covariance: Array) -> Goal:
 
 
 def yardsticks(model: Model, names: Sequence[str]) -> Array:
-    """What a parameter's interval is compared with: its size, at least 0.01 for an effect that may be nothing."""
+    """What the intervals (P,) of parameters are compared with (`Parameter.yardstick`)."""
     known = model.parameters
-    return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
+    return np.array([known[n].yardstick for n in names])
 
 
 def search(

@@ -170,7 +170,7 @@ def made(own: OwnEffect) -> type[Effect]:
         return value(tree, {n: getattr(joint, n) for n in VARIABLES} | {n: getattr(self, n) for n in numbers})
 
     fields = [(name, Any, parameter(**declared)) for name, declared in numbers.items()]
-    said = {"name": own.name, "formula": f"tau = {ast.unparse(tree)}", "label": own.name.replace("_", " ")}
+    said = {"name": own.name, "formula": f"tau = {ast.unparse(tree)}"}
     namespace = {**said, "torque": torque, "__module__": MODULE, "__doc__": said["formula"]}
     return make_dataclass("Own", fields, bases=(JointEffect,), frozen=True, eq=False, namespace=namespace)
 

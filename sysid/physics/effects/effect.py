@@ -101,7 +101,7 @@ class Effect(Parametric):
     name : str
         The name by which a model knows it; by default that of its class in small letters: "dead_zone" of DeadZone.
     label : str
-        What it is, for a sentence.
+        What it is, for a sentence; by default its name in words.
     formula : str
         Its equation in the fields' letters, one line.
     confused : tuple of str
@@ -161,6 +161,8 @@ class Effect(Parametric):
         super().__init_subclass__(**keywords)
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        if "label" not in cls.__dict__:
+            cls.label = cls.name.replace("_", " ")
 
     name: ClassVar[str] = "effect"
 
