@@ -19,6 +19,10 @@ LEAST_ADVANTAGE = 0.1
 """A later quantity has to predict a share that is larger by this than that of a simpler one."""
 SHORTEST_STRETCH = 1.0
 """Least length [s] of the stretches that are left out in turn; a log is cut into 12 at most."""
+LAGS = (-1, 1, 2, 4, 8, 16)
+"""The intervals before this one whose commands a history consists of; -1 is the next."""
+BINS = 24
+"""Parts of the range of a quantity, of which those are named in which most of a torque acts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,32 +140,32 @@ def _angles(theta: Array, turns: bool) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(apart) / width)
 
 
-def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
+def _history(fit: Fit) -> Array:
     """Commands of earlier intervals, which a missing state would remember; and of the next, for a log stamped late."""
     samples = fit.samples
-    columns = np.zeros((len(samples), len(lags)))
+    columns = np.zeros((len(samples), len(LAGS)))
     for i, record in enumerate(samples.records):
-        at = len(record.previous_commands) + np.arange(len(record) + 1)[:, None] - np.array(lags)
+        at = len(record.previous_commands) + np.arange(len(record) + 1)[:, None] - np.array(LAGS)
         columns[samples.first[i] : samples.first[i + 1]] = record.commands[np.clip(at, 0, len(record.commands) - 1)]
     return columns if np.ptp(columns) > 1e-9 else columns[:, :0]
 
 
-def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
+def _where(fit: Fit, on: str, torque: Array) -> str:
     """The range of a quantity over which most of a torque acts, in words."""
     units = fit.model.plant.quantities
     newton = units["torque"]
     if on == "history":
-        return "on what happened up to 16 samples before"
+        return f"on what happened up to {max(LAGS)} samples before"
     if on == "time":
         k = int(np.argmax(np.abs(torque)))
         name = fit.samples.records[int(fit.samples.number[k])].name
         return f"strongest in {name} at {fit.samples.t[k]:.2f} s ({torque[k]:+.2g} {newton})"
     x = coordinates(fit)[on]
-    edges = np.linspace(float(np.min(x)), float(np.max(x)), bins + 1)
-    place = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
-    count = np.bincount(place, minlength=bins)
-    mean = np.bincount(place, torque, minlength=bins) / np.maximum(count, 1)
-    met = count >= max(5, x.size // (4 * bins))  # where the joint hardly was, splines extrapolate
+    edges = np.linspace(float(np.min(x)), float(np.max(x)), BINS + 1)
+    place = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    count = np.bincount(place, minlength=BINS)
+    mean = np.bincount(place, torque, minlength=BINS) / np.maximum(count, 1)
+    met = count >= max(5, x.size // (4 * BINS))  # where the joint hardly was, splines extrapolate
     if not np.any(met):
         return ""
     size = np.where(met, np.abs(mean - np.median(mean[met])), 0.0)
@@ -169,7 +173,7 @@ def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
     low, high = peak, peak
     while low > 0 and size[low - 1] > 0.5 * size[peak]:
         low -= 1
-    while high < bins - 1 and size[high + 1] > 0.5 * size[peak]:
+    while high < BINS - 1 and size[high + 1] > 0.5 * size[peak]:
         high += 1
     digits = max(2, 1 - math.floor(math.log10(max(edges[1] - edges[0], 1e-9))))
     stretch = f"from {edges[low]:.{digits}f} to {edges[high + 1]:.{digits}f} {units[on]}"

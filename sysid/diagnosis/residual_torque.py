@@ -350,10 +350,10 @@ class _Means:
         sd = np.where(count > 0, self.found.inertia * self.filter.posterior_sd_of_sums(shares), math.nan)
         return mean, sd, count
 
-    def sd_of_slow(self, places: int = 24) -> float:
-        """The median, over a few places of the log, of the posterior sd of d made `slow`."""
+    def sd_of_slow(self) -> float:
+        """The median, over 24 places of the log, of the posterior sd of d made `slow`."""
         samples = self.found.samples
-        at = np.linspace(0, len(samples) - 1, places + 2).astype(int)[1:-1]
+        at = np.linspace(0, len(samples) - 1, 26).astype(int)[1:-1]
         once = (np.arange(len(samples))[:, None] == at).astype(float)
         shares = np.nan_to_num(np.stack([slow(v, samples.number, samples.dt) for v in once.T], axis=1))
         sd = self.filter.posterior_sd_of_sums(shares)[np.sum(shares, axis=0) > 0.99]

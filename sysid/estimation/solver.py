@@ -32,8 +32,6 @@ class Settings:
     shared_error whether sigma_o and sigma_f, the sizes of the readings' shared errors, are fitted too
     vague        prior sd of a number of the plant, as a share of that number: where a random torque explains all, the
                  readings say nothing of an inertia, and it would run away
-    torque       prior sd of an effect's torque, as a multiple of the largest torque that the log shows
-    stride       largest relative change of a parameter in a step
     least_share  smallest share of a step that is taken where steps go to and fro (`relaxation`)
     patience     number of steps after which at most half of each is taken, since a joint that sticks now and then may
                  go to and fro about an optimum for ever
@@ -41,26 +39,28 @@ class Settings:
                  speed and acceleration as shares of their sizes; wider ones would be the slopes of another machine
     wanders      length of a step below which a fit may go to and fro in the end: a joint that sticks now and then comes
                  to rest at one of the samples, and they are no denser
-    smallest     a disturbance is 0 if smaller than this share of the motion's acceleration (s) or the sensor's sd
     """
 
     iterations: int = 40
     settled: float = 0.02
     negligible: float = 0.05
-    stride: float = 0.7
     least_share: float = 0.2
     patience: int = 12
     wanders: float = 0.5
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
-    smallest: float = 1e-5
     sizes: bool = True
     shared_error: bool = True
     vague: float = 1.0
-    torque: float = 10.0
 
 
 THOROUGH = Settings()
 
+STRIDE = 0.7
+"""Largest relative change of a number in a step: beyond it the model is far from linear."""
+SMALLEST = 1e-5
+"""A disturbance is 0 if smaller than this share of the motion's acceleration (s) or the sensor's sd."""
+VAGUE_TORQUE = 10.0
+"""Prior sd of an effect's torque, as a multiple of the largest torque that the log shows: no log of use feels it."""
 ASTRAY = 0.1
 """A fit that has not converged and ends above its best by this deviance per reading has lost its way."""
 CALM = 8
@@ -96,7 +96,7 @@ def fit_parameters(
     if balance is None and near is not None:
         balance = near.balance
     extent = shown_extent(samples, model)
-    prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
+    prior = Prior.of(model, names, settings.vague, VAGUE_TORQUE * extent.u_max, *known)
     limits = _Limits.of(samples, model, names, prior, settings, extent)
     progress, converged, restless = _Progress(settings), False, settings.sizes
     best: Fit | None = None
@@ -117,7 +117,7 @@ def fit_parameters(
         beside = balance.rows(model, names) if balance and names else None
         step = _step(here, Z, prior, now, limits, beside)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
-        step = limits.shortened(step, now, settings.stride)
+        step = limits.shortened(step, now)
         converged = progress.ended(k, moved, here.deviance, restless)
         if converged:
             break
@@ -194,17 +194,17 @@ class _Limits:
         reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
         widest = np.array([*np.array(settings.widest) * [samples.reach, typical_speed, size], *model.inner_sd])
-        floor = np.log(settings.smallest * np.array([size, *[max(_shared_sd(samples), 1e-12)] * 2]))
+        floor = np.log(SMALLEST * np.array([size, *[max(_shared_sd(samples), 1e-12)] * 2]))
         return cls(low, high, prior.positive, reach, widest, floor)
 
     def within(self, values: Array) -> Array:
         """Numbers (P,) within their bounds."""
         return np.clip(values, self.low, self.high)
 
-    def shortened(self, step: Array, now: Array, stride: float) -> Array:
+    def shortened(self, step: Array, now: Array) -> Array:
         """The step (P,) from `now`, shortened as a whole until no number moves further than is nearly linear."""
         # a positive number on its way down would be at its bound in two steps of its typical size
-        longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
+        longest = STRIDE * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
         moves = step != 0.0
         return step * min([1.0, *(longest[moves] / np.abs(step[moves]))])
 

@@ -16,13 +16,15 @@ from sysid.physics.plants import Plant
 
 KINDS = ("steps", "bang-bang", "chirp", "multisine", "free swing")
 _FREE_SWINGS = 8
+TONES = 12
+"""Sines of a multisine."""
 
 
-def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float, tones: int = 12) -> Array:
-    """n torques [N m]: a sum of `tones` sines up to f_max [Hz], random phases, scaled to a peak of u_max."""
+def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float) -> Array:
+    """n torques [N m]: a sum of TONES sines up to f_max [Hz], random phases, scaled to a peak of u_max."""
     t = dt * np.arange(n)
-    f = np.linspace(f_max / tones, f_max, tones)
-    phase = rng.uniform(0.0, 2.0 * math.pi, tones)
+    f = np.linspace(f_max / TONES, f_max, TONES)
+    phase = rng.uniform(0.0, 2.0 * math.pi, TONES)
     signal = np.sum(np.sin(2.0 * math.pi * f * t[:, None] + phase), axis=1)
     return u_max * signal / np.max(np.abs(signal))
 
