@@ -67,7 +67,7 @@ def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[
     names += more
     for name in known:
         owner, dot, _ = name.partition(".")
-        if dot and owner in CATALOGUE and name not in model.parameters and owner not in {e.name for e in model.effects}:
+        if dot and owner in CATALOGUE and name not in model.parameters and owner not in model.effect_names:
             raise InvalidInput(f"--set {name}: the model has no {owner} yet; --with {name}={known[name]:g} puts it in")
     model = model.with_parameters(known)
     added = tuple(n for n in added if n not in known)
@@ -98,9 +98,8 @@ def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
         numbers.setdefault(owner, {})
         if equals:
             numbers[owner][field] = named_numbers("--with", [part])[whole.strip()]
-    present = [e.name for e in model.effects]
     for owner, own in numbers.items():
-        if owner in present:
+        if owner in model.effect_names:
             raise InvalidInput(f"--with {owner}: the model has it already; --set {owner}.NAME=NUMBER fixes its numbers")
         model = model.with_effect(effect(owner, **own))
     return model, tuple(

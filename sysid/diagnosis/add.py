@@ -49,8 +49,7 @@ class Added:
     def sentence(self) -> str:
         """How much the effect changes the held-out error."""
         effect = with_numbers(self.effect, fitted_numbers(self.estimate, self.effect))
-        present = {e.name for e in self.estimate.model.effects}
-        gone = [e.name for e in self.base.model.effects if e.name not in present]
+        gone = [n for n in self.base.model.effect_names if n not in self.estimate.model.effect_names]
         effect += f" in place of {' and '.join(gone)}" if gone else ""
         fell = f"goes from {self.before.ratio:.3g} to {self.after.ratio:.3g} times the sensor noise"
         return f"{effect}: the error on held-out data {fell}"
@@ -101,7 +100,7 @@ def add(
     names = free(model, records)
     if isinstance(model, Estimate):
         sensor, model = sensor or _sensor_of(model, added, records), model.model
-    if name in {e.name for e in model.effects}:
+    if name in model.effect_names:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
     with_it = model.with_effect(added)  # raises where it is excluded
     training, held_out = split(records, hold_out)

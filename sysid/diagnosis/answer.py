@@ -421,8 +421,7 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         lines = [self.sentence, *(f"  but {doubt}" for doubt in self.doubts)]
-        present = {e.name for e in self.model.effects}
-        gone = [e.name for e in self.base.model.effects if e.name not in present]
+        gone = [name for name in self.base.model.effect_names if name not in self.model.effect_names]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
             place = "".join(f" in place of {own}" for own in gone if own in CATALOGUE[step.effect].contains)
@@ -431,7 +430,7 @@ class Diagnosis:
             effect = with_numbers(step.effect, step.parameters)
             lines.append(f"  + {effect}{place}: {fell}, {chance(step.p_value)}{apart}")
         added = {step.effect for step in (*self.conventions, *self.steps)}
-        given = [e.name for e in self.estimate.model.effects if e.name not in added]
+        given = [name for name in self.estimate.model.effect_names if name not in added]
         begun = [(name, own) for name in ("", *given) if (own := fitted_numbers(self.estimate, name))]
         if begun:
             parts = (with_numbers(name, own) if name else numbers_in_words(own) for name, own in begun)

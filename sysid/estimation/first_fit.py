@@ -11,6 +11,7 @@ from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, HORIZON, left_out_errors
 from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_shared_error, with_smooth_error
+from sysid.estimation.refits import continued
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.effects.actuation import CoastingDrive, Saturation
@@ -53,7 +54,7 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
 
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
     """The fit of a model from an initial guess, beside the friction and the offset that it may lack."""
-    names, given = tuple(names), {e.name for e in begun.effects}
+    names, given = tuple(names), begun.effect_names
     braked = begun.damping in names
     extent = samples.extent(begun)
     more: tuple[str, ...] = ()
@@ -69,7 +70,7 @@ def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
 
 def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
     """The fit of the model by itself, begun at the numbers that it has in a fit beside friction and offset."""
-    plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
+    plain = model.with_numbers(names, near.model.numbers(names).tolist())
     likely = near.disturbances
     return fit_parameters(near.samples, plain, names, near, replace(likely, s=2.0 * likely.s))
 
@@ -86,13 +87,10 @@ def with_best_memory(found: Fit) -> Fit:
     likely = with_likely_shared_error(found)
     if not (found.samples.driven or found.samples.shared):
         begins = (likely, with_smooth_error(found))
-        rough, smooth = (fit_parameters(found.samples, found.model, found.names, found, own) for own in begins)
+        rough, smooth = (continued(found, own) for own in begins)
         if smooth.deviance < rough.deviance - NUMBERS_GAIN and smooth.errs_by_little:
             found, likely = smooth, smooth.disturbances
-    fits = [
-        fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T))
-        for T in FIRST_CORRELATION_TIMES
-    ]
+    fits = [continued(found, likely.with_memory(T)) for T in FIRST_CORRELATION_TIMES]
     best = min(fits, key=lambda own: own.deviance)
     errors = {id(own): left_out_errors(own, HORIZON, BLOCKS) for own in fits}
     for own in sorted(fits, key=lambda own: errors[id(own)].ratio):
@@ -110,4 +108,4 @@ def _with_finer_memory(found: Fit) -> Fit:
     likely = maximum_likelihood(system, map(now.with_memory, between))
     if found.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
         return found
-    return fit_parameters(found.samples, found.model, found.names, found, likely)
+    return continued(found, likely)

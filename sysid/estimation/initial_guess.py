@@ -80,8 +80,7 @@ def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record
 def limited_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model | None:
     """The initial guess beside a limit of the drive far below the largest command; None if no limit explains the motion
     much better than none, or if the model has one."""
-    known = {e.name for e in model.effects} & {Saturation.name, *Saturation.confused}
-    if known or model.at_angle:
+    if model.at_angle or not {Saturation.name, *Saturation.confused}.isdisjoint(model.effect_names):
         return None
 
     def limited(limit: float) -> list[Record]:
@@ -139,7 +138,7 @@ def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float])
         here = distances(scale)
         slopes = np.stack([(distances(scale + h) - here) / 1e-6 for h in 1e-6 * np.eye(len(moved))], axis=1)
         scale = scale - np.clip(np.linalg.lstsq(slopes, here, rcond=1e-12)[0], -LARGEST_STEP, LARGEST_STEP)
-    return model.with_parameters(dict(zip(moved, _inside(model, moved, scale), strict=True)))
+    return model.with_numbers(moved, _inside(model, moved, scale))
 
 
 def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]) -> Model:

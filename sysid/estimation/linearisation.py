@@ -342,16 +342,15 @@ class LinearisedModel:
         """Steps' ends (V, M, n) and readings (V, M, 2) of V variants of a model with the numbers `rows` (V, P)."""
 
         def variant(row: Array) -> Model:
-            return model.with_parameters(dict(zip(names, row.tolist(), strict=True)))
+            return model.with_numbers(names, row.tolist())
 
-        columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
         driven, shown = (self._differ(model, rows, names, own) for own in (model.input_effects, model.output_effects))
         drives = self.drives
         if np.any(driven):
             drives = np.stack(
                 [self.samples.drives(variant(row)) if d else drives for row, d in zip(rows, driven, strict=True)]
             )
-        ends = self._ends(model.with_parameters(columns), drives, inner)
+        ends = self._ends(model.with_numbers(names, rows.T[..., None]), drives, inner)
         seen = [
             self.samples.read(variant(row), self.motion.x) if s else self.seen
             for row, s in zip(rows, shown, strict=True)

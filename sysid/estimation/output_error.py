@@ -23,7 +23,6 @@ from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
-from sysid.estimation.prior import numbers_of
 from sysid.estimation.windows import Window
 from sysid.physics.effects import InputEffect, OutputEffect
 from sysid.physics.model import Model
@@ -138,7 +137,7 @@ class Response:
     def _inputs(self, among: Among) -> tuple[Array, Array, Array]:
         """The inputs of a mapped step beside states, a row for each interval: drive torques, time, model's numbers."""
         interval, time = self.interval[among], self.time_since_start[among, : self.length]
-        numbers = numbers_of(self.model, self._step.names)
+        numbers = self.model.numbers(self._step.names)
         repeated = np.broadcast_to(numbers, (interval.size, len(numbers)))
         return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1), repeated
 
@@ -232,7 +231,7 @@ def _compiled(structure: _Structure) -> _Step:
     theta, theta_dot, *values = casadi.vertsplit(x)
     rest = iter(values)
     inner = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
-    model = model.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
+    model = model.with_numbers(names, casadi.vertsplit(numbers))
     *moved, inner_then = model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
     after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
     S, others = casadi.SX.sym("S", after.size1(), 2), [drives, t, numbers]

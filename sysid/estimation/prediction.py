@@ -196,5 +196,4 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
     step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
-    numbers = np.clip(p + step, low, high).tolist()
-    return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))
+    return fit.model.with_numbers(fit.names, np.clip(p + step, low, high).tolist())

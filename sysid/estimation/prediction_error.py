@@ -17,7 +17,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
-from sysid.estimation.prior import Prior, numbers_of
+from sysid.estimation.prior import Prior
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -87,7 +87,7 @@ class Fit:
     @property
     def values(self) -> Array:
         """The fitted numbers (P,)."""
-        return numbers_of(self.model, self.names)
+        return self.model.numbers(self.names)
 
     @cached_property
     def balance_rows(self) -> tuple[Array, Array]:

@@ -38,7 +38,7 @@ class Prior:
         otherwise run away against each other.
         """
         own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
-        mean, precision = numbers_of(model, names), np.zeros(len(names))
+        mean, precision = model.numbers(names), np.zeros(len(names))
         positive = np.array([model.parameters[n].bounds[0] > 0.0 for n in names], dtype=bool)
         for i, name in enumerate(names):
             if name in own:
@@ -59,9 +59,3 @@ class Prior:
         slope = np.where(self.positive, 1.0 / np.maximum(values, 1e-300), 1.0)
         off = np.where(self.positive, np.log(np.maximum(self.mean, 1e-300) * slope), self.mean - values)
         return np.diag(weight * slope), weight * off
-
-
-def numbers_of(model: Model, names: Sequence[str]) -> Array:
-    """The numbers (P,) that a model has for these parameters."""
-    parameters = model.parameters
-    return np.array([float(parameters[n].value) for n in names])

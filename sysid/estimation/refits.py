@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import THOROUGH, Settings, fit_parameters, large_disturbances
@@ -12,6 +13,16 @@ from sysid.physics.effects import Effect
 
 VANISHED = 1e-3
 """Share of a large random torque below which it has vanished, and would not grow again by itself."""
+
+
+def continued(
+    now: Fit,
+    disturbances: Disturbances | None = None,
+    settings: Settings = THOROUGH,
+    balance: EnergyBalance | None = None,
+) -> Fit:
+    """The fit of the same model and names, begun where the present one ended (see `fit_parameters`)."""
+    return fit_parameters(now.samples, now.model, now.names, now, disturbances, settings, balance)
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
@@ -28,7 +39,7 @@ def settled(found: Fit) -> Fit:
 
     The correlation times stay, since the numbers were judged under them and would be others under the default ones.
     """
-    after = fit_parameters(found.samples, found.model, found.names, found)
+    after = continued(found)
     if after.converged:
         return after
     large = large_disturbances(found.samples).with_memory(found.disturbances.T)
@@ -45,7 +56,7 @@ def with_energy_balance(found: Fit) -> Fit:
 
 def balanced(found: Fit, balance: EnergyBalance | None) -> Fit:
     """The fit with this energy balance read beside it; the same fit if there is none."""
-    return found if balance is None else fit_parameters(found.samples, found.model, found.names, found, balance=balance)
+    return found if balance is None else continued(found, balance=balance)
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:

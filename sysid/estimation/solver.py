@@ -15,7 +15,7 @@ from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.prior import Prior, numbers_of
+from sysid.estimation.prior import Prior
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
@@ -111,7 +111,7 @@ def fit_parameters(
         if best is not None and not math.isfinite(here.deviance):
             return best
         G, R = linearised.changes(names)
-        Z, now = here.whiten(G, R), numbers_of(model, names)
+        Z, now = here.whiten(G, R), model.numbers(names)
         if not np.all(np.isfinite(Z)):  # the model runs away from the readings within a sample
             break
         beside = balance.rows(model, names) if balance and names else None
@@ -130,7 +130,7 @@ def fit_parameters(
         share, last = share if k < settings.patience else min(share, 0.5), step
         motion = motion.moved(share * here.smooth(G @ step, R @ step), spread)
         numbers = limits.within(now + share * step)
-        model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
+        model = model.with_numbers(names, numbers.tolist())
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
     return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged, balance)

@@ -85,7 +85,7 @@ def candidates(
 
     `extent` gives the Extent of the log for a kind of effect.
     """
-    present = {e.name for e in model.effects}
+    present = set(model.effect_names)
     excluded = {name for e in model.effects for name in e.excludes}
     found = {}
     for name in CATALOGUE if names is None else names:

@@ -112,7 +112,7 @@ class Model:
         for e in self.effects:
             if not isinstance(e, InputEffect | Actuator | JointEffect | DryFriction | DynamicEffect | OutputEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
-        names = [e.name for e in self.effects]
+        names = self.effect_names
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
             raise InvalidInput(f"effect {twice[0]!r} was given {names.count(twice[0])} times: expected once")
@@ -127,6 +127,18 @@ class Model:
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: the fields, without what was derived from them."""
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+
+    @property
+    def effect_names(self) -> tuple[str, ...]:
+        """The names of the effects."""
+        return tuple(e.name for e in self.effects)
+
+    def effect_named(self, name: str) -> Effect:
+        """The effect of that name; raises InvalidInput where it has none."""
+        for e in self.effects:
+            if e.name == name:
+                return e
+        raise InvalidInput(f"the model has no effect {name!r}: it has {', '.join(self.effect_names) or 'none'}")
 
     @cached_property
     def input_effects(self) -> tuple[InputEffect, ...]:
@@ -226,16 +238,25 @@ class Model:
         effects = tuple(e.with_parameters(own.get(e.name, {})) for e in self.effects)
         return dataclasses.replace(self, plant=self.plant.with_parameters(own.get("", {})), effects=effects)
 
+    def numbers(self, names: Sequence[str]) -> Array:
+        """The numbers (P,) that it has for these parameters."""
+        self.check_names(names)
+        return np.array([float(self.parameters[name].value) for name in names])
+
+    def with_numbers(self, names: Sequence[str], values: Sequence[Value] | Array) -> Model:
+        """The same model holding these values (P,) for these parameters, in their order (see `with_parameters`)."""
+        if len(names) != len(values):
+            raise InvalidInput(f"{len(values)} values for {len(names)} parameters: expected one for each")
+        return self.with_parameters(dict(zip(names, values, strict=True)))
+
     def with_effect(self, effect: Effect) -> Model:
         """The same model with one more effect."""
         return dataclasses.replace(self, effects=(*self.effects, effect))
 
     def without_effect(self, name: str) -> Model:
         """The same model without the effect of that name; raises InvalidInput where it has none."""
-        names = [e.name for e in self.effects]
-        if name not in names:
-            raise InvalidInput(f"the model has no effect {name!r}: it has {', '.join(names) or 'none'}")
-        return dataclasses.replace(self, effects=tuple(e for e in self.effects if e.name != name))
+        left_out = self.effect_named(name)
+        return dataclasses.replace(self, effects=tuple(e for e in self.effects if e is not left_out))
 
     def rest(self, like: Value = 0.0) -> tuple[Memory, ...]:
         """The memory of the input effects after a long time without command, in the shape and back end of `like`.

@@ -17,6 +17,7 @@ from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error
+from sysid.estimation.refits import continued
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect
@@ -84,7 +85,7 @@ class Conditions:
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
         for own in ranked:
-            bare = fit_parameters(own.samples, own.model, own.names, own, NO_DISTURBANCE, KNOWN)
+            bare = continued(own, NO_DISTURBANCE, KNOWN)
             louder = self._with_noise_of(bare)
             samples = Samples(own.model, own.samples.records, louder.sensor)
             if fit_parameters(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:

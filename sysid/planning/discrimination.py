@@ -158,7 +158,7 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
     """The evidence for the truth against each rival at its best numbers, on the log at hand and to first order."""
     if truth not in fits.with_rival:
         return [0.0] * len(rivals)
-    effects = {n: next(e for e in own.model.effects if e.name == n) for n, own in fits.with_rival.items()}
+    effects = {n: own.model.effect_named(n) for n, own in fits.with_rival.items()}
     found, conditions = fits.with_rival[truth], fits.conditions
     samples = Samples(found.model, found.samples.records, conditions.sensor)
     along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)

@@ -65,7 +65,7 @@ def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
     """
     fitted = free(model)
     for kind in (TorqueGain, RotorInertia):
-        if kind.name in names and kind.name not in {e.name for e in model.effects}:
+        if kind.name in names and kind.name not in model.effect_names:
             model = model.with_effect(kind())
     added = [e.name for e in model.effects if e.inertial]
     plant = [n for n in model.plant.parameters if n in fitted or n in names]

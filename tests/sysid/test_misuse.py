@@ -124,6 +124,12 @@ MISUSES = {
     "URDF: many machines": (lambda: to_urdf(MANY), "expected a model of one machine"),
     "model: unknown parameter": (lambda: JOINT.with_parameters({"viscous.b": 1.0}), "'viscous.b': this model has J, G"),
     "model: no such effect": (lambda: JOINT.without_effect("lag"), "no effect 'lag': it has none"),
+    "model: none of that name": (lambda: joint(Viscous()).effect_named("lag"), "no effect 'lag': it has viscous"),
+    "model: numbers of another": (lambda: JOINT.numbers(["m"]), "unknown parameter 'm': this model has J, G"),
+    "model: too few numbers": (
+        lambda: JOINT.with_numbers(["J", "G"], [1.0]),
+        "1 values for 2 parameters",
+    ),
     "model: an effect twice": (lambda: joint(Viscous(), Viscous(b=1.0)), "'viscous' was given 2 times: expected once"),
     "model: delay and stamp": (lambda: joint(Delay(), Stamp()), "'delay' and 'stamp' contain each other: expected one"),
     "model: servo and limit": (lambda: joint(PositionServo(), Saturation(limit=1.0)), "contain each other"),

@@ -56,6 +56,15 @@ def test_numbers_stay_of_their_kind(theta, theta_dot, commands, kind, all_effect
     assert {getattr(v, "dtype", type(v)) for v in entries} == {kind}
 
 
+def test_numbers_come_out_in_the_order_in_which_they_went_in(all_effects):
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects)
+    names = tuple(reversed(model.parameters))
+    numbers = model.numbers(names)
+    other = Model(RodPendulum(), tuple(e.at_neutral() for e in all_effects))
+    assert np.any(other.numbers(names) != numbers)
+    assert np.array_equal(other.with_numbers(names, numbers).numbers(names), numbers)
+
+
 def test_a_thousand_rollouts_at_once_equal_the_single_ones(all_effects, integrator):
     rng, n = np.random.default_rng(0), 1000
     model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)

@@ -82,7 +82,7 @@ class GridSearch:
             raise InvalidInput(f"{self.points}^{len(axes)} cells are too many for a grid: use LeastSquares")
         cells = [c.reshape(-1, 1) for c in np.meshgrid(*axes, indexing="ij")]
         names = tuple(self.parameters)
-        grid = model.with_parameters(dict(zip(names, cells, strict=True)))
+        grid = model.with_numbers(names, cells)
         total = np.zeros(len(cells[0]))
         steps = _Steps(records)
         drives, count = steps.drives(grid), len(steps.u)
@@ -90,7 +90,7 @@ class GridSearch:
         for begin in range(0, count, width):
             total += np.sum(steps.errors(grid, drives, slice(begin, begin + width)) ** 2, axis=1)
         best = int(np.argmin(total))
-        fitted = model.with_parameters({n: float(c[best, 0]) for n, c in zip(names, cells, strict=True)})
+        fitted = model.with_numbers(names, [float(c[best, 0]) for c in cells])
         return self._estimate(fitted, names, axes, steps, total[best] / count)
 
     def _axis(self, name: str, bounds: tuple[float, float]) -> Array:

@@ -17,6 +17,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free_parameters
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import continued
 from sysid.estimation.smoothed_start import parameter_starts
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.model import Model
@@ -109,12 +110,12 @@ class LeastSquares:
 
     def _from(self, samples: Samples, model: Model, start: Array) -> Fit:
         """The optimum that is reached from the parameters `start` (P,)."""
-        begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
+        begun = model.with_numbers(self.parameters, start.tolist())
         near = fit_parameters(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
-        whole = fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, EXACT)
+        whole = continued(near, NO_DISTURBANCE, EXACT)
         if whole.converged:
             return whole
-        return fit_parameters(samples, near.model, self.parameters, near, NO_DISTURBANCE, DAMPED)
+        return continued(near, NO_DISTURBANCE, DAMPED)
 
     def _beside_a_random_torque(self, samples: Samples, model: Model, used: int) -> Estimate:
         status = (

@@ -162,7 +162,7 @@ class UnscentedKalman:
             status = f"settled, but the best of {starts} starts leaves {size:.2g} times the expected errors: "
             status += "the model lacks something, or the sensor's sd is too small"
         return Estimate(
-            model=model.with_parameters(dict(zip(names, coordinates(s).tolist(), strict=True))),
+            model=model.with_numbers(names, coordinates(s).tolist()),
             names=names,
             covariance=covariance * np.outer(slope, slope),
             noise=noise,
@@ -238,7 +238,7 @@ class _Pass:
         self.points = MerweScaledSigmaPoints(self.size, ALPHA, beta=2.0, kappa=0.0, sqrt_method=square_root)
         # the model reads its numbers from these rows: writing to them changes it without another check of bounds
         self.rows = np.repeat(coordinates(np.zeros(len(names)))[:, None], 2 * self.size + 1, axis=1)
-        self.model = model.with_parameters(dict(zip(names, self.rows, strict=True)))
+        self.model = model.with_numbers(names, self.rows)
         self.values, self.sds = settings.sensor.readings(record)
         self.start = np.where(np.isfinite(self.sds[0]), self.values[0], [math.pi, 0.0])
         self.start_covariance = np.diag(np.square(START_SD))
