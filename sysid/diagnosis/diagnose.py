@@ -39,7 +39,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import settled
-from sysid.estimation.torque_regression import frees_gravity, friction_along
+from sysid.estimation.torque_regression import frees_gravity, friction_along, telling_motion
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -141,8 +141,10 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
     """How far ahead [s] the motion is `foreseeable`. It is inf if gravity is free and the log does not show it, since
     then nothing is known to fall."""
     if not set(names).isdisjoint(model.plant.parameters):
-        if frees_gravity(model, names) and "G/J" not in shown_ratios(model, names, records, sensor):
-            return math.inf
+        if frees_gravity(model, names):
+            terms = telling_motion(model, names, records, sensor)
+            if "G/J" not in shown_ratios(model, terms):
+                return math.inf
         model = initial_guess(model, names, records, sensor)
     return foreseeable(model, records)
 

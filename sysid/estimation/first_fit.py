@@ -92,9 +92,9 @@ def with_best_memory(found: Fit) -> Fit:
             found, likely = smooth, smooth.disturbances
     fits = [continued(found, likely.with_memory(T)) for T in FIRST_CORRELATION_TIMES]
     best = min(fits, key=lambda own: own.deviance)
-    errors = {id(own): left_out_errors(own, HORIZON, BLOCKS) for own in fits}
-    for own in sorted(fits, key=lambda own: errors[id(own)].ratio):
-        gain, sd = errors[id(own)].gain(errors[id(best)])
+    errors = {own: left_out_errors(own, HORIZON, BLOCKS) for own in fits}
+    for own in sorted(fits, key=lambda own: errors[own].ratio):
+        gain, sd = errors[own].gain(errors[best])
         if gain > sd:
             return own
     return _with_finer_memory(best)

@@ -45,9 +45,10 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     What the log does not show (no torque, no gravity) stays as it was. One exception is an inertia that does not show
     because friction and weight take nearly all of the torque: it is set to a small one.
     """
-    shown = shown_ratios(model, names, records, sensor)
+    terms = telling_motion(model, names, records, sensor)
+    shown = shown_ratios(model, terms)
     if "1/J" not in shown:
-        shown |= _least_inertia(telling_motion(model, names, records, sensor))
+        shown |= _least_inertia(terms)
     return _with_ratios(model, names, shown)
 
 
@@ -188,13 +189,12 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
     ]
 
 
-def shown_ratios(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
+def shown_ratios(model: Model, terms: IntegratedMotion) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], each if it is positive and three standard errors from 0.
 
     One standard error is enough for 1/J where all terms together explain the changes of the speed well. A constant
     torque shows 1/J only if no offset acts beside it, so that the regression then has none.
     """
-    terms = telling_motion(model, names, records, sensor)
     found = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})

@@ -64,6 +64,7 @@ class Samples:
                 blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
                 self.weight[begin : begin + blind] = 0.0
         self.shared = int(speeds_share and np.mean(self.weight[:, 0] > 0.0) <= 0.5)
+        self._followed: dict[tuple[str, bytes], Array] = {}
 
     def __len__(self) -> int:
         return len(self.number)
@@ -107,10 +108,6 @@ class Samples:
             own = model.drive_record(np.concatenate([record.previous_commands, record.u]))
             drives[begin : begin + len(record)] = own[len(record.previous_commands) :]
         return drives
-
-    @cached_property
-    def _followed(self) -> dict[tuple[str, bytes], Array]:
-        return {}
 
     def follow_smoothed(self, effects: Sequence[DynamicEffect]) -> Array:
         """The states (V, M, n) of V effects of one kind along the smoothed readings, computed once and kept."""

@@ -106,13 +106,14 @@ def next_experiment(
     if cost is not None:
         _check_cost(cost, names, estimate, rivals)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
-        if never(checked_names(rivals)):
-            return non_torque_experiment(model, checked_names(rivals))
+        rival_names = checked_names(rivals)
+        if never(rival_names):
+            return non_torque_experiment(model, rival_names)
         if estimate is None and records:
             estimate = first_fit(Samples(model, records, sensor), model, names).estimate()
         model = model if estimate is None else estimate.model
         if rivals:
-            return _telling(hypotheses_of(model, names, rivals, records, conditions), checked_names(rivals), rng)
+            return _telling(hypotheses_of(model, names, rivals, records, conditions), rival_names, rng)
         if estimate is not None:
             conditions = _after(conditions, estimate, records)
             if cost is not None:
