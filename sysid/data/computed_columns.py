@@ -17,16 +17,24 @@ from numpy.typing import NDArray
 from sysid.data.record import Record
 from sysid.physics.ops import Array
 
-BEFORE, AFTER, OWN_SPEEDS = 24, 4, 2
-"""How many readings of the angle before and after an instant, and speeds before it, its speed may be computed from."""
+BEFORE = 24
+"""How many readings of the angle before an instant its speed may be computed from."""
+AFTER = 4
+"""How many readings of the angle after it."""
+OWN_SPEEDS = 2
+"""How many speeds before it."""
 FEWEST_SPEEDS = 80
 """Instants that the comparison of angle and speed needs."""
 COMPUTED = 0.5
 """A speed was computed if the angle's errors leave less than this share of the variance of its error unexplained."""
-OWN_TORQUES, LATE = 3, 3
-"""How many torques before an instant predict its torque, and how many readings before it a controller may use."""
-FEWEST_TORQUES, MOST_TORQUES = 50, 20_000
-"""Instants that the comparison of torque and readings needs, and that it uses at most."""
+OWN_TORQUES = 3
+"""How many torques before an instant predict its torque."""
+LATE = 3
+"""How many readings before it a controller may use."""
+FEWEST_TORQUES = 50
+"""Instants that the comparison of torque and readings needs."""
+MOST_TORQUES = 20_000
+"""Instants that it uses at most."""
 FOLLOWS = 0.25
 """A torque was computed if the readings leave less than this share of the variance of its innovations unexplained."""
 LARGEST_INNOVATION = 3.3

@@ -19,8 +19,10 @@ from typing import IO
 from sysid.errors import InvalidInput, check_kind
 
 FIGURES = (".png", ".pdf", ".svg")
-MARKS, PLANNED = (b"gapfinder", b"residual_torque"), (b"t,torque", b"rollout,t,torque")
-"""What stands in every answer and report, and in a table of predictions; and the first line of a planned experiment."""
+MARKS = (b"gapfinder", b"residual_torque")
+"""What stands in every answer and report, and in a table of predictions."""
+PLANNED = (b"t,torque", b"rollout,t,torque")
+"""The first line of a planned experiment, of one rollout or several."""
 LARGEST = 1 << 26
 """Bytes, at most, of a file that is read at once, such as a model.json."""
 

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from sysid.data.record import Record
 from sysid.physics.ops import Array
 
-LEFT, HALF = 0.95, 0.5
-"""Shares of the largest deflection: below LEFT the machine has been let go, at HALF it is on its way."""
+LEFT = 0.95
+"""Share of the largest deflection below which the machine has been let go."""
+HALF = 0.5
+"""Share of the largest deflection at which it is on its way."""
 ACROSS = 0.25
 """A log that has gone so far to the other side (share of the largest deflection) shows swings and no preparation."""
 LONGER = 7.0
@@ -35,11 +37,16 @@ STICKS = 3.0
 """Friction that may hold a machine at rest, at most, in units of the friction of its motion."""
 SETTLING_BAND = 0.01
 """A machine stands at its end from where it stays within this share of the whole range."""
-LONGEST_REST, KEPT_REST = 3.0, 0.5
-"""Rest behind a swing that is too long, and rest that is kept then, as multiples of the swing's duration."""
-FEWEST_PERIODS, LARGEST_DEVIATION, OUTLYING = 5, 0.05, 6.0
-"""Fewest periods that tell how long one takes; and how far the first ones may deviate from that, as a share of it and
-in units of the median deviation."""
+LONGEST_REST = 3.0
+"""Rest behind a swing that is too long, as a multiple of the swing's duration."""
+KEPT_REST = 0.5
+"""Rest that is kept then, as a multiple of the swing's duration."""
+FEWEST_PERIODS = 5
+"""Fewest periods that tell how long one takes."""
+LARGEST_DEVIATION = 0.05
+"""How far the first periods may deviate from that in any log, as a share of it."""
+OUTLYING = 6.0
+"""How far they may deviate where periods are uneven, in units of the median deviation."""
 MOST_IRREGULAR = 3
 """Half swings, at most, that are left out since they take too long or too short."""
 FEWEST_SAMPLES = 6

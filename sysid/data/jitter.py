@@ -16,8 +16,10 @@ SPEED_SPAN = 0.1
 """Seconds over which the speed is averaged that turns an error of the stamp into one of the angle."""
 DIFFERENCE_ORDERS = (4, 6, 8)
 """Orders of difference: the higher the order, the less is left of the motion, whereas jitter stays the same."""
-BINS, FEWEST_ERRORS = 8, 40
-"""Bins of speed in each of which the size of the errors is found, and the least number of errors in a bin."""
+BINS = 8
+"""Bins of speed in each of which the size of the errors is found."""
+FEWEST_ERRORS = 40
+"""Least number of errors in a bin."""
 VARIANCE_RATIOS = tuple(2.0**k for k in range(1, 25))
 """Ratios that are tried of the error variance by jitter to the angle's own; from 2, as jitter must be most of it."""
 BETTER = 0.75

@@ -82,9 +82,10 @@ class Noise:
 
 NEGLIGIBLE_NOISE = 1e-4
 """Noise below this share of a channel's spread is taken to be this share: no model is more accurate than that."""
-MOTION, MOST_OF_SPREAD = 100.0, 0.5
-"""Residuals from windows that are this many times those from sample to sample, or this share of the channel's spread,
-are motion and not correlated errors."""
+MOTION = 100.0
+"""Residuals from windows that are this many times those from sample to sample are motion and no correlated errors."""
+MOST_OF_SPREAD = 0.5
+"""Residuals from windows that are this share of the channel's spread are motion, too."""
 
 
 def sensor_noise(records: Sequence[Record]) -> Noise:

@@ -19,8 +19,10 @@ MARGIN = 0.2
 """Seconds that are left out before and behind a stretch that is left out."""
 SHORTEST_PIECE = 1.0
 """Pieces between such stretches that are shorter [s] are left out too."""
-SHORTEST_PART, SMALLEST_PART = 0.5, 0.2
-"""Parts shorter than SHORTEST_PART [s] or SMALLEST_PART of the log, whichever is less, are merged with a neighbour."""
+SHORTEST_PART = 0.5
+"""Parts that are shorter [s] are merged with a neighbour."""
+SMALLEST_PART = 0.2
+"""Share of the log that takes the place of SHORTEST_PART where it is less."""
 SHORTEST_LOG = 0.5
 """Seconds of the shortest log of which a part is held out."""
 SHORTEST_HELD_OUT = 2.0

@@ -21,8 +21,10 @@ EXTREME = 6.0
 """An extreme torque differs from the expected one by so many times the median difference: four sd of a Gaussian."""
 SHORTEST_CONTACT = 0.2
 """A torque that acts for less than this time [s] is a vibration and no hand."""
-LEAST_ENERGY, MOST_TIME = 0.6, 0.15
-"""All contacts of a log hold at least this share of the missing torque's energy in at most this share of the time."""
+LEAST_ENERGY = 0.6
+"""All contacts of a log hold at least this share of the missing torque's energy."""
+MOST_TIME = 0.15
+"""They take at most this share of the time."""
 LEAST_ENERGY_AGAIN = 0.4
 """LEAST_ENERGY in a log of which contacts are left out already: lighter pushes show then."""
 SLIGHT = 0.05
@@ -31,8 +33,10 @@ HELD_SPEED = 0.02
 """Share of the RMS speed below which friction holds a joint; one that a hand holds still moves a little."""
 LARGEST_COMMAND = 5.0
 """Mean square of the commands in contacts, over that of the log, from which the drive is the cause, and no hand."""
-LEAST_STEP, STEP_TIME = 0.1, 0.1
-"""A command steps, or ramps, if it changes by this share of its range within this time [s]."""
+LEAST_STEP = 0.1
+"""A command steps, or ramps, if it changes by this share of its range within STEP_TIME."""
+STEP_TIME = 0.1
+"""Time [s] in which a step is over."""
 SOON = 0.25
 """Time [s] within which the effect of a command's step begins to show, in a torque that is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
@@ -40,6 +44,7 @@ LEAST_CHANCE = 0.05
 SHORTEST_OBSERVED = 8.0
 """Length [s] of a log from which it shows what is rare."""
 _NEIGHBOURS = 25
+"""Nearest samples at other times whose median torque is the expected one."""
 _APART = 0.5
 """Samples within this time [s] of each other belong to one motion; a state comes back only if it is met outside it."""
 

@@ -32,8 +32,10 @@ FRICTIONS = ("coulomb", "viscous", "drag")
 """Frictions of degree 0, 1 and 2 in the speed, which a fall of the amplitude can tell from each other."""
 FEWEST = 6
 """Half swings, at least, of which a balance is made."""
-SMALLEST_WAY, LEAST_SPEED = 0.03, 0.03
-"""A half swing counts if it goes this share of the furthest one's way, and reaches this share of the RMS speed."""
+SMALLEST_WAY = 0.03
+"""A half swing counts if it goes this share of the furthest one's way."""
+LEAST_SPEED = 0.03
+"""A half swing counts if it reaches this share of the RMS speed."""
 SHARED = (0.0, 0.5, 0.9, 0.99)
 """Shares of a turning point's error that go into both half swings beside it, with opposite signs."""
 OUTLYING = 5.0

@@ -24,18 +24,28 @@ from sysid.physics.ops import Array
 
 FEWEST_SERVO_SAMPLES = 40
 """Least number of samples of a record that show how a servo follows its command."""
-SLOWEST, FASTEST, FREQUENCIES, DAMPING_RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
-"""Grid for a servo: so many natural frequencies from 3 rad/s to 2 rad per sample, and these damping ratios."""
+SLOWEST = 3.0
+"""Lowest natural frequency [rad/s] of a servo that is tried."""
+FASTEST = 2.0
+"""Highest natural frequency [rad per sample] of a servo that is tried."""
+FREQUENCIES = 16
+"""Number of natural frequencies that are tried."""
+DAMPING_RATIOS = (0.3, 0.7, 1.5)
+"""Damping ratios that are tried with each."""
 WELL_EXPLAINED = 0.8
 """Explained share of the speed's changes from which an inertia of one standard error counts; and share of the torque
 that goes into friction and weight from which the inertia is taken to be small."""
 LITTLE = 0.1
 """Share of the torque that goes into accelerating an inertia which does not show beside friction."""
-LIMITS, LESS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), 0.7
-"""Limits of the drive that a regression tries, as shares of the largest command; and the share of the unexplained
-changes of the speed that may be left with such a limit, or with a drive that coasts, for it to count."""
-NEAREST_STEPS, LARGEST_STEP = 12, 5.0
-"""Gauss-Newton steps to the nearest parameters with the 1/J and G/J of a log; largest change of a logarithm in one."""
+LIMITS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)
+"""Limits of the drive that a regression tries, as shares of the largest command."""
+LESS = 0.7
+"""Share of the unexplained changes of the speed that may be left with such a limit, or with a drive that coasts, for it
+to count."""
+NEAREST_STEPS = 12
+"""Gauss-Newton steps to the nearest parameters with the 1/J and G/J of a log."""
+LARGEST_STEP = 5.0
+"""Largest change of a parameter's logarithm in one of them."""
 
 
 def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:

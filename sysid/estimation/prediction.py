@@ -16,12 +16,16 @@ from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-HORIZON, BLOCKS = 1.0, 8
-"""Horizon [s] of a prediction, and number of stretches of a log that are left out in turn."""
+HORIZON = 1.0
+"""Horizon [s] of a prediction."""
+BLOCKS = 8
+"""Number of stretches of a log that are left out in turn."""
 SHORTEST_PREDICTION = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
-PERIODS, MOST_PERIODS = 5, 20
-"""Fewest and most periods of a free swing over which it is predicted, if the record shows the fewest."""
+PERIODS = 5
+"""Fewest periods of a free swing over which it is predicted, if the record shows so many."""
+MOST_PERIODS = 20
+"""Most periods of a free swing over which it is predicted."""
 SURE_GAIN = 2.0
 """Standard errors from zero at which the mean gain over the windows is sure."""
 RUNS_AWAY = 1e3

@@ -15,9 +15,12 @@ from sysid.data.sensor import Sensor
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Parameter
 
-JERK, QUICKER, LARGEST_MISFIT = 60.0, (1.0, 1e2, 1e4, 1e6, 1e8), 5.0
-"""Density of the white jerk [rad/s^3 s^1/2 per rad of reach] of a machine that swings in some tenths of a second;
-factors for quicker ones; and the allowed RMS of readings less motion, in units of the noise (a hand's push makes 4)."""
+JERK = 60.0
+"""Density of the white jerk [rad/s^3 s^1/2 per rad of reach] of a machine that swings in some tenths of a second."""
+QUICKER = (1.0, 1e2, 1e4, 1e6, 1e8)
+"""Factors of that for quicker machines; the first that suffices is taken."""
+LARGEST_MISFIT = 5.0
+"""The allowed RMS of readings less motion, in units of the noise; a hand's push makes 4."""
 
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:

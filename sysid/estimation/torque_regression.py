@@ -18,8 +18,10 @@ from sysid.physics.ops import Array
 
 INTEGRATION_SPAN = 0.2
 """Seconds over which the equation of motion is integrated: unintegrated, it would drown in an acceleration's noise."""
-EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
-"""If that explains less than this share of the speed's changes, these times are tried, too: a step may be quicker."""
+EXPLAINED = 0.5
+"""If that explains less than this share of the speed's changes, SHORTER times are tried, too."""
+SHORTER = (0.1, 0.05, 0.025)
+"""Seconds over which a log of quicker steps is integrated."""
 STANDING_SPEED = 0.05
 """Share of the RMS speed below which a joint counts as standing; friction then may be whatever holds it."""
 MOST_REGRESSED = 20_000

@@ -17,8 +17,10 @@ from sysid.physics.effects.disturbance import TorqueBias
 from sysid.physics.effects.load import Tilt
 from sysid.physics.model import Model
 
-SMOOTH_STEP, FRICTION_STEP = 1e-3, 2.5e-4
-"""The longest step [s] of a file of our own, without and with dry friction."""
+SMOOTH_STEP = 1e-3
+"""The longest step [s] of a file of our own without dry friction."""
+FRICTION_STEP = 2.5e-4
+"""The longest step [s] of one with dry friction."""
 OPTION = {"integrator": "RK4", "iterations": "50", "tolerance": "1e-12"}
 SHAPE = {"type": "capsule", "contype": "0", "conaffinity": "0"}
 """What is seen of a link; it touches nothing and weighs nothing."""

@@ -16,6 +16,7 @@ from sysid.physics.plants import Plant
 
 KINDS = ("steps", "bang-bang", "chirp", "multisine", "free swing")
 _FREE_SWINGS = 8
+"""Free swings among the signals that are drawn, at most."""
 TONES = 12
 """Sines of a multisine."""
 

@@ -26,8 +26,10 @@ from sysid.estimation.likelihood import SIGMA_99
 from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
 
-WIDE, NARROW = 5.0, 4.2
-"""Widths [in]: of a column, and of half of one."""
+WIDE = 5.0
+"""Width [in] of a column."""
+NARROW = 4.2
+"""Width [in] of half a column."""
 LOWEST_RATIO = 0.1
 """Multiple of the noise at which windows with less are drawn: where a joint rests there is hardly an error."""
 

@@ -18,8 +18,10 @@ from sysid.web.layout import STAMPED
 from sysid.web.log_part import SETTINGS, preview
 from sysid.web.session import Answer, Session
 
-BUSY_INTERVAL, IDLE_INTERVAL = 400, 3_000
-"""How often [ms] the page asks what is new, while something is under way and else."""
+BUSY_INTERVAL = 400
+"""How often [ms] the page asks what is new while something is under way."""
+IDLE_INTERVAL = 3_000
+"""How often [ms] it asks else."""
 
 
 def region_of(plot: str, chosen: Mapping[str, Any] | None, over: str) -> dict[str, tuple[float, float]]:

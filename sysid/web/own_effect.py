@@ -49,7 +49,14 @@ OPERATIONS: dict[type[ast.AST], Callable[..., Value]] = {
 }
 SIZE_BOUNDS = (-1e6, 1e6)
 """What the size of a formula may be."""
-LONGEST_FORMULA, DEEPEST, MOST_NUMBERS, LARGEST_POWER = 400, 24, 6, 8
+LONGEST_FORMULA = 400
+"""Characters of a formula, at most."""
+DEEPEST = 24
+"""Levels to which its terms stand in each other, at most."""
+MOST_NUMBERS = 6
+"""Names of a formula that are no variable, at most: each is a number to fit."""
+LARGEST_POWER = 8
+"""The largest exponent."""
 MODULE = f"{__name__}:made"
 """The module that effects made here say they come from: it is no file."""
 

@@ -21,7 +21,12 @@ from sysid.physics.plants import RodPendulum
 from sysid.physics.simulate import simulate
 from sysid.planning.excitation import steps
 
-DT, ROLLOUTS, SAMPLES = 0.02, 8, 400
+DT = 0.02
+"""The control interval [s]."""
+ROLLOUTS = 8
+"""Rollouts of a log."""
+SAMPLES = 400
+"""Intervals of a rollout."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,8 +32,10 @@ START_SD = (1.0, 10.0)
 """Prior sd [rad], [rad/s] of a rollout's initial state."""
 GENTLE = (10.0, 3.0)
 """Factors on the sensor's sd, one for each of the first sweeps."""
-SWEEPS, STARTS = 12, 3
-"""Sweeps from a start, and starts, at most."""
+SWEEPS = 12
+"""Sweeps from a start, at most."""
+STARTS = 3
+"""Starts, at most."""
 ALPHA = 0.5
 """Spread of the sigma points."""
 SETTLED = 0.1
