@@ -100,7 +100,7 @@ def shows_in_balance(before: Model, after: Fit, settings: SearchSettings) -> boo
     """Whether frictions that a fit has beside those of the model `before` explain the losses of a free swing better, by
     enough to matter."""
     balance = after.balance
-    new = {e.name for e in after.model.effects} - {e.name for e in before.effects}
+    new = set(after.model.effect_names) - set(before.effect_names)
     if balance is None or not new <= set(FRICTIONS):
         return False
     return balance.deviance(before) - balance.deviance(after.model) > settings.balance_deviance

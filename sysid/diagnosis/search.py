@@ -28,7 +28,7 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import balanced, extended, reduced, settled, with_energy_balance, without_free
+from sysid.estimation.refits import balanced, continued, extended, reduced, settled, with_energy_balance, without_free
 from sysid.estimation.scores import Score, collinearity, price, scores
 from sysid.estimation.solver import QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
@@ -205,13 +205,13 @@ class Search:
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""
-        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in tested.items() if s.visible}
+        promise = {n: s.merit(self.settings.price) for n, s in tested.items() if s.visible}
         return dict(sorted(promise.items(), key=lambda own: own[1], reverse=True))
 
     def _others(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Fit effects of smaller expected merit, but no refinements of present ones, after the first trials kept less
         than they promised. Returned are those that predict left-out stretches better by more than chance."""
-        known, present = {t.effects for t in trials}, {e.name for e in now.model.effects}
+        known, present = {t.effects for t in trials}, set(now.model.effect_names)
         tried = list(trials)
         names = [n for n, own in self.promise(self.last).items() if own > 0.0 and (n,) not in known]
         names = [n for n in names if not any(present.issuperset(own) for own in CATALOGUE[n].refines)]
@@ -222,7 +222,7 @@ class Search:
 
     def _common(self, now: Fit, helped: Fit) -> list[Trial]:
         """Trials with the first fit's friction and offset: where these dominate, nothing else shows without them."""
-        names = tuple(e.name for e in helped.model.effects if e.name not in {own.name for own in now.model.effects})
+        names = tuple(name for name in helped.model.effect_names if name not in now.model.effect_names)
         if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
             return []
         found, tried = balanced(helped, now.balance), list[Trial]()
@@ -240,7 +240,7 @@ class Search:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
         large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
         quiet = now.disturbances.scaled(self.settings.simulated_share)
-        simulated = fit_parameters(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
+        simulated = continued(now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
@@ -293,7 +293,7 @@ class Search:
         candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings. Effects
         of the model make place for one that contains them."""
         logger.debug(f"fitting {' and '.join(names)}")
-        present = {e.name for e in (near or now).model.effects}
+        present = (near or now).model.effect_names
         refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in present])}
         try:
             begun = near or now
@@ -305,7 +305,7 @@ class Search:
         except InvalidInput:
             return
         merit = gain(found, now, names) - sum(map(self._price, names))
-        present = {e.name for e in found.model.effects}
+        present = found.model.effect_names
         merit += sum(self._price(e.name) for e in now.model.effects if e.name not in present)
         if math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings:
             tried.append(Trial(names, found, merit))
@@ -405,7 +405,7 @@ class Search:
         name = best.single
         if name is None:
             return []
-        fitted = next(e for e in best.fit.model.effects if e.name == name).parameters
+        fitted = best.fit.model.effect_named(name).parameters
         found: list[Trial] = []
         for other in preferred():
             if other == name or other not in self.last or other not in CATALOGUE[name].confused:
@@ -478,7 +478,7 @@ class Search:
         """The fit without an addition, and with others `back` in the place that it took; those of the model as it came
         are there again, too."""
         found = reduced(now, left.name, settings)
-        present = {e.name for e in found.model.effects}
+        present = found.model.effect_names
         begun = [e for e in self.given if e.name in CATALOGUE[left.name].contains and e.name not in present]
         begun += [self._simpler(now, left.name, own.name) for own in back]
         return extended(found, begun, settings) if begun else found
@@ -491,7 +491,7 @@ class Search:
     def _simplified(self, now: Fit) -> Fit:
         """Replace refinements that, beside later additions, no longer beat their simpler form or are not plausible."""
         for addition in list(self.additions):
-            present = {e.name for e in now.model.effects}
+            present = set(now.model.effect_names)
             for simpler in CATALOGUE[addition.name].refines:
                 new = tuple(n for n in simpler if n not in present and (n in self.last or n in self.first))
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
@@ -519,7 +519,7 @@ class Search:
 
     def _simpler(self, now: Fit, refined: str, name: str) -> Effect:
         """A simpler effect that begins at the refinement's numbers if these include its own, else at a small size."""
-        own = next(e for e in now.model.effects if e.name == refined).parameters
+        own = now.model.effect_named(refined).parameters
         fields = effect(name).parameters
         if set(fields) <= set(own):
             begun: Effect = effect(name, **{field: float(own[field].value) for field in fields})
@@ -531,7 +531,7 @@ class Search:
         """The fit with simpler effects in place of a refinement. It begins where a fit without the refinement ends; or,
         if the refinement has ended as its simpler form, with all other numbers at their bounds, where the present fit
         ended."""
-        own = next(e for e in now.model.effects if e.name == refined).parameters
+        own = now.model.effect_named(refined).parameters
         starts = [self._simpler(now, refined, name) for name in simpler]
         shared = {field for e in starts if set(e.parameters) <= set(own) for field in e.parameters}
         if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:

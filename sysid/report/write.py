@@ -125,7 +125,7 @@ def _contacts(answer: Diagnosis) -> tuple[Contact, ...]:
 
 
 def _described(model: Model) -> str:
-    effects = ", ".join(e.name for e in model.effects) or "no effects"
+    effects = ", ".join(model.effect_names) or "no effects"
     return f"{type(model.plant).__name__} with {effects}; {type(model.integrator).__name__}, steps of {model.dt:.4g} s"
 
 

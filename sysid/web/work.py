@@ -252,7 +252,7 @@ def _named(candidate: Ranked) -> dict[str, Any]:
     kind = CATALOGUE[candidate.effect]
     return {
         "effect": candidate.effect,
-        "words": kind.label or candidate.effect.replace("_", " "),
+        "words": kind.label,
         "formula": kind.formula,
         "chance": chance(candidate.p_value),
         "alike": list(candidate.indistinguishable[1:]),
