@@ -361,9 +361,11 @@ class Confirmation:
         return None
 
     def _is_part_of_unknown(self, addition: Addition, fewer: Explanation) -> bool:
-        """Whether an addition is a part of something unknown; `fewer` is the explanation without it."""
-        imitates, remaining = CATALOGUE[addition.name].imitates, self.now.remaining
-        if not imitates or remaining is None or imitates not in remaining.depends_on:
+        """Whether an addition is a part of something unknown; `fewer` is the explanation without it. A zero of a free
+        swing is none: every sensor has one, whatever else depends on the angle."""
+        kind, remaining = CATALOGUE[addition.name], self.now.remaining
+        imitates, is_zero = kind.imitates, kind.moves_rest and not self.base.samples.driven
+        if not imitates or is_zero or remaining is None or imitates not in remaining.depends_on:
             return False
         alone = remaining.depends_on == (imitates,)
         after, before = (own.missing_over(imitates, alone) for own in (self.now, fewer))

@@ -241,6 +241,21 @@ def test_what_the_energy_balance_shows_need_only_not_raise_the_error(share: floa
     assert found.now.names == (("coulomb",) if stays else ())
 
 
+@pytest.mark.parametrize(
+    ("name", "driven", "part"), [("tilt", True, True), ("tilt", False, False), ("spring", False, True)]
+)
+def test_a_zero_of_a_free_swing_is_no_part_of_something_unknown(name: str, driven: bool, part: bool) -> None:
+    """What remains depends on the angle, and the effect, a function of the angle, explains nothing of it."""
+    with scripted() as patch:
+        patch.setattr(Named, "samples", SimpleNamespace(shared=0, driven=driven))
+        patch.setattr(Named, "at_bounds", frozenset(), raising=False)
+        patch.setattr(Told, "remaining", Remaining(0.5, ("theta",), ""))
+        patch.setattr(Told, "missing_over", lambda *_: 1.0)
+        found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
+        addition = Addition(name, (), (), 0.0)
+        assert Confirmation._is_part_of_unknown(found, addition, found.bare) is part
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives
