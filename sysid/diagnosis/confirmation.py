@@ -249,14 +249,12 @@ class Confirmation:
         return max(unreal, key=lambda a: CATALOGUE[a.name].rarity) if unreal else self._making_up()
 
     def _making_up(self) -> Addition | None:
-        """Of two zeros of a free swing that make up for each other, the one without which less is lost.
+        """Of two zeros that make up for each other, the one without which less is lost.
 
-        Each moves the angle at which it comes to rest. If one alone is at most a third as large as beside the other, or
-        has the other sign, the two imitate an angle that is not told on one scale.
+        Each moves the angle at which the joint comes to rest. If one alone is at most a third as large as beside the
+        other, or has the other sign, the two imitate an angle that is not told on one scale, or a torque over it.
         """
         zeros = [a for a in self.additions if CATALOGUE[a.name].moves_rest]
-        if self.base.samples.driven:
-            return None
         fewer = {left: self.now.without(left) for left in zeros if len(zeros) > 1}
         found = [
             left

@@ -372,7 +372,8 @@ class Search:
         )
 
     def _recurs(self, trial: Trial) -> bool:
-        """Whether a periodic pattern comes back often enough to be believed, in at least one record."""
+        """Whether a periodic pattern comes back often enough to be believed, in at least one record, and the log tells
+        how often."""
         samples = trial.fit.samples
         rows = [slice(a, b) for a, b in zip(samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)]
         motions = [(samples.smoothed[i, 0], samples.time_since_start[i], samples.commands[i]) for i in rows]
@@ -380,6 +381,8 @@ class Search:
             if e.name in trial.effects:
                 found = [e.recurrences(*motion) for motion in motions]
                 if max(found) < self.settings.recurrences or min(found) == -math.inf:
+                    return False
+                if math.isfinite(max(found)) and not max(found) * _shape_sd(trial.fit, e.name) < self.settings.count_sd:
                     return False
         return True
 
@@ -541,3 +544,10 @@ class Search:
             model = model.with_effect(start)
         names = [*(n for n in now.names if n in model.parameters), *(n for e in starts for n in model.names_of(e.name))]
         return fit_parameters(now.samples, model, names, now, settings=QUICK)
+
+
+def _shape_sd(found: Fit, name: str) -> float:
+    """The largest relative sd of an effect's shapes, such as the order of a ripple; 0 if none is free."""
+    own = [(p, i) for i, n in enumerate(found.names) if (p := found.model.parameters[n]).owner == name]
+    sds = [math.sqrt(found.covariance[i, i]) / abs(float(p.value)) for p, i in own if p.neutral is None]
+    return max(sds, default=0.0)

@@ -59,6 +59,8 @@ class SearchSettings:
         Squared size from which leaving the effect out is not tried: ten standard deviations.
     recurrences : float
         How often a ripple or a periodic torque has to come back within a record.
+    count_sd : float
+        Largest sd of that count: of a pattern that really comes back, a log tells it to a few hundredths.
     same_collinearity : float
         Collinearity from which two effects are the same to this log.
     high_collinearity : float
@@ -139,6 +141,7 @@ class SearchSettings:
     sure_size: float = 4.0
     clear_size: float = 100.0
     recurrences: float = 2.0
+    count_sd: float = 0.15
     same_collinearity: float = 1.0 - 1e-5
     high_collinearity: float = 0.995
     equal_deviance: float = 0.1

@@ -256,6 +256,20 @@ def test_a_zero_of_a_free_swing_is_no_part_of_something_unknown(name: str, drive
         assert Confirmation._is_part_of_unknown(found, addition, found.bare) is part
 
 
+@pytest.mark.parametrize("driven", [True, False])
+@pytest.mark.parametrize("swells", [True, False])
+def test_of_two_zeros_that_swell_beside_each_other_one_goes(swells: bool, driven: bool) -> None:
+    """An offset stands for the viscous friction; without it less is lost than without the tilt."""
+    share = {"coulomb": 0.5, "tilt": 0.5, "viscous": 0.7}
+    errors = {own: 9.0 * math.prod(share[name] for name in own) for own in SUBSETS}
+    with scripted() as patch:
+        patch.setattr(Named, "samples", SimpleNamespace(shared=0, driven=driven))
+        patch.setattr(confirmation, "CATALOGUE", {**CATALOGUE, "viscous": CATALOGUE["torque_bias"]})
+        patch.setattr(Scripted, "_swells", lambda *_: swells)
+        found = Scripted(errors, frozenset())
+    assert found.now.names == (("coulomb", "tilt") if swells else NAMES)
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives

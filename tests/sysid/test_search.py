@@ -477,6 +477,19 @@ def test_a_pattern_has_to_come_back() -> None:
     assert recurs(Tilt(alpha=0.1)) and recurs(Coulomb(tau_c=0.1))
 
 
+@pytest.mark.parametrize("size", [0.0, 0.1])
+def test_how_often_a_pattern_comes_back_has_to_be_told(size: float) -> None:
+    """A ripple that the log has none of may have any order."""
+    records = logs(truth(Coulomb(tau_c=0.1), Ripple(a=size, b=0.5 * size, order=8.0)), n=3, seconds=4.0)
+    search = Search(records, SENSOR)
+    fit = first_fit(
+        Samples(rod(Coulomb(tau_c=0.1)), records, SENSOR), rod(Coulomb(tau_c=0.1)), ("m", "l", "coulomb.tau_c")
+    )
+    found = scores(fit, ("ripple",))["ripple"]
+    rippled = extended(fit, [found.best.at(found.sizes)])
+    assert search._recurs(Trial(("ripple",), rippled, 1.0)) == (size > 0.0)
+
+
 def test_what_stays_pays() -> None:
     """Two effects, both found; without either the log is less likely by more than its price."""
     search = Search(logs(truth(Coulomb(tau_c=0.06), Tilt(alpha=0.04)), n=3, seconds=4.0), SENSOR, FRICTIONS)
