@@ -96,9 +96,8 @@ class Explanation:
     @property
     def fails_elsewhere(self) -> bool:
         """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
-        return self.error.beyond_noise and not self.error.ratio < self.among.settings.unseen_error_factor * max(
-            self.fitted_error, 1.0
-        )
+        limit = self.among.settings.unseen_error_factor * max(self.fitted_error, 1.0)
+        return self.error.beyond_noise and not self.error.ratio < limit
 
     @cached_property
     def remaining(self) -> Remaining | None:
