@@ -21,7 +21,7 @@ ENV_ID = "gapfinder/Pendulum-v0"
 _NAMES = {
     "environments.batched_pendulums": "BatchedPendulums",
     "environments.gymnasium_env": "PendulumEnv",
-    "environments.randomization": ("Band Fixed Mixture Posterior RandomForce Randomization Ranges SingleEffect"),
+    "environments.randomization": "Band Fixed Mixture Posterior RandomForce Randomization Ranges SingleEffect",
     "evaluation": "Evaluation Policy evaluate fresh_start_states start_states",
     "network_policy": "NetworkPolicy",
     "control.lqr": "LQR design_lqr",

@@ -50,7 +50,9 @@ def is_lowered(error: float, without: float, tolerance: float) -> bool:
 class Explanation:
     """A set of additions, the fit with these alone, and what that leaves unexplained.
 
-    among    the confirmation that weighs it against other sets
+    among      the confirmation that weighs it against other sets
+    additions  those of the search, in the order in which they came
+    fit        of the model as it came with these
     """
 
     among: Confirmation

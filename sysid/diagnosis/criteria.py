@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +29,29 @@ def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
     own = [i for i, name in enumerate(found.names) if found.model.parameters[name].owner not in others]
     Z = found.Z[:, own]
     return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
+
+
+def recurs(found: Fit, effects: Sequence[str], settings: SearchSettings) -> bool:
+    """Whether a periodic pattern comes back often enough to be believed, in at least one record, and the log tells how
+    often; True for effects without a pattern."""
+    samples = found.samples
+    rows = [slice(a, b) for a, b in pairwise(samples.first.tolist())]
+    motions = [(samples.smoothed[i, 0], samples.time_since_start[i], samples.commands[i]) for i in rows]
+    for e in (own for own in found.model.effects if own.name in effects):
+        counts = [e.recurrences(*motion) for motion in motions]
+        most = max(counts)
+        if most < settings.recurrences or min(counts) == -math.inf:
+            return False
+        if math.isfinite(most) and not most * _shape_sd(found, e.name) < settings.count_sd:
+            return False
+    return True
+
+
+def _shape_sd(found: Fit, name: str) -> float:
+    """The largest relative sd of an effect's shapes, such as the order of a ripple; 0 if none is free."""
+    own = [(p, i) for i, n in enumerate(found.names) if (p := found.model.parameters[n]).owner == name]
+    sds = [math.sqrt(found.covariance[i, i]) / abs(float(p.value)) for p, i in own if p.neutral is None]
+    return max(sds, default=0.0)
 
 
 def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure_size) -> bool:

@@ -18,6 +18,7 @@ from sysid.diagnosis.criteria import (
     is_determined,
     is_plausible,
     matters,
+    recurs,
     squared_size,
 )
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
@@ -351,7 +352,8 @@ class Search:
         """Whether a machine may have the effects with their numbers, the log determines these, a pattern comes back,
         and a refinement beats its simpler forms."""
         real = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, self.names)
-        return real and self._recurs(trial) and self._beats_its_simpler_forms(trial, trials)
+        back = recurs(trial.fit, trial.effects, self.settings)
+        return real and back and self._beats_its_simpler_forms(trial, trials)
 
     def _matters(self, now: Fit, trial: Trial) -> bool:
         return matters(now.model, trial.fit, self.settings)
@@ -370,21 +372,6 @@ class Search:
             for other in trials
             if frozenset(other.effects) in simpler and other.merit > 0.0
         )
-
-    def _recurs(self, trial: Trial) -> bool:
-        """Whether a periodic pattern comes back often enough to be believed, in at least one record, and the log tells
-        how often."""
-        samples = trial.fit.samples
-        rows = [slice(a, b) for a, b in zip(samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)]
-        motions = [(samples.smoothed[i, 0], samples.time_since_start[i], samples.commands[i]) for i in rows]
-        for e in trial.fit.model.effects:
-            if e.name in trial.effects:
-                found = [e.recurrences(*motion) for motion in motions]
-                if max(found) < self.settings.recurrences or min(found) == -math.inf:
-                    return False
-                if math.isfinite(max(found)) and not max(found) * _shape_sd(trial.fit, e.name) < self.settings.count_sd:
-                    return False
-        return True
 
     def _predicts(self, before: Fit, after: Fit) -> bool:
         """Whether left-out stretches are predicted better, or if the model needs no random torque any more, no worse.
@@ -544,10 +531,3 @@ class Search:
             model = model.with_effect(start)
         names = [*(n for n in now.names if n in model.parameters), *(n for e in starts for n in model.names_of(e.name))]
         return fit_parameters(now.samples, model, names, now, settings=QUICK)
-
-
-def _shape_sd(found: Fit, name: str) -> float:
-    """The largest relative sd of an effect's shapes, such as the order of a ripple; 0 if none is free."""
-    own = [(p, i) for i, n in enumerate(found.names) if (p := found.model.parameters[n]).owner == name]
-    sds = [math.sqrt(found.covariance[i, i]) / abs(float(p.value)) for p, i in own if p.neutral is None]
-    return max(sds, default=0.0)

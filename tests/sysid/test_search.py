@@ -52,7 +52,7 @@ from sysid import (
 )
 from sysid import parameter as number
 from sysid.diagnosis import search as search_module
-from sysid.diagnosis.criteria import is_nothing, is_plausible, matters, squared_size
+from sysid.diagnosis.criteria import is_nothing, is_plausible, matters, recurs, squared_size
 from sysid.diagnosis.search import Addition, Search, Trial
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -464,30 +464,28 @@ def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:
 
 def test_a_pattern_has_to_come_back() -> None:
     """Twice within some record, and never as often as the motion does."""
-    search, samples = Search(rubbing(), SENSOR), base().samples
+    samples = base().samples
     span = max(float(np.ptp(samples.smoothed[a:b, 0])) for a, b in pairwise(samples.first.tolist()))
     duration = float(np.ptp(samples.time_since_start))
 
-    def recurs(own: Effect) -> bool:
-        return search._recurs(Trial((own.name,), having(own), 1.0))
+    def comes_back(own: Effect) -> bool:
+        return recurs(having(own), (own.name,), DEFAULT)
 
     waves = 2.0 * math.pi / span
-    assert recurs(Ripple(a=0.1, order=max(2.0, 2.2 * waves))) and not recurs(Ripple(a=0.1, order=1.8 * waves))
-    assert recurs(Periodic(a=0.1, f=2.2 / duration)) and not recurs(Periodic(a=0.1, f=1.8 / duration))
-    assert recurs(Tilt(alpha=0.1)) and recurs(Coulomb(tau_c=0.1))
+    assert comes_back(Ripple(a=0.1, order=max(2.0, 2.2 * waves))) and not comes_back(Ripple(a=0.1, order=1.8 * waves))
+    assert comes_back(Periodic(a=0.1, f=2.2 / duration)) and not comes_back(Periodic(a=0.1, f=1.8 / duration))
+    assert comes_back(Tilt(alpha=0.1)) and comes_back(Coulomb(tau_c=0.1))
 
 
 @pytest.mark.parametrize("size", [0.0, 0.1])
 def test_how_often_a_pattern_comes_back_has_to_be_told(size: float) -> None:
     """A ripple that the log has none of may have any order."""
     records = logs(truth(Coulomb(tau_c=0.1), Ripple(a=size, b=0.5 * size, order=8.0)), n=3, seconds=4.0)
-    search = Search(records, SENSOR)
-    fit = first_fit(
-        Samples(rod(Coulomb(tau_c=0.1)), records, SENSOR), rod(Coulomb(tau_c=0.1)), ("m", "l", "coulomb.tau_c")
-    )
+    rubs = rod(Coulomb(tau_c=0.1))
+    fit = first_fit(Samples(rubs, records, SENSOR), rubs, ("m", "l", "coulomb.tau_c"))
     found = scores(fit, ("ripple",))["ripple"]
     rippled = extended(fit, [found.best.at(found.sizes)])
-    assert search._recurs(Trial(("ripple",), rippled, 1.0)) == (size > 0.0)
+    assert recurs(rippled, ("ripple",), DEFAULT) == (size > 0.0)
 
 
 def test_what_stays_pays() -> None:
