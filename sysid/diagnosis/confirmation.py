@@ -19,8 +19,10 @@ from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
+from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, settled
@@ -176,6 +178,12 @@ class Confirmation:
         shared = self.search.end(self.base).likeliest_torque if self.widened else NO_DISTURBANCE
         return needed_disturbances(self.base, shared)
 
+    @cached_property
+    def held_out_balance(self) -> EnergyBalance | None:
+        """The energy balance of held-out free swings; None if they are too few."""
+        end = self.search.end(self.base).model
+        return EnergyBalance.of(Samples(end, tuple(self.held_out), self.search.sensor), end)
+
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
         return held_out_error(fit.model, self.held_out, self.sensor, self.settings.ahead)
@@ -201,7 +209,8 @@ class Confirmation:
         best = self.bare.error.ratio
         for additions, fit in self.search.stages:
             stage = self._weigh(additions, fit)
-            if stage.error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
+            no_worse = stage.error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best)
+            if no_worse or self._losses_confirm(stage, self.now):
                 best, self.now = min(best, stage.error.ratio), stage
         chosen = set(self.now.names)
         self._drop_needless()
@@ -232,7 +241,7 @@ class Confirmation:
         """
         while self.additions:
             sound = [a for a in self.additions if self._is_sound(a)] or self.additions
-            pay = is_lowered(self.now.error.ratio, self.bare.error.ratio, 0.0)
+            pay = not self._raises_error(self.now, self.bare)
             needless = [a for a in sound if not pay or self._is_needless(a, self.now)]
             gone = self._first_to_go(needless) if needless else self._nothing_of_a_machine()
             if gone is None:
@@ -298,7 +307,8 @@ class Confirmation:
         """Whether an addition does not lower the held-out error by as much as it has to.
 
         - If nothing remains without it beside an error that readings share, a rare one is likelier a part of that.
-        - A friction that an energy balance shows need only not raise the error.
+        - A friction that an energy balance shows need only not raise the error, nor even that if the losses of the
+          held-out swings confirm it.
         - The same holds for a rare effect beside which no other promises anything, and for what leaves nothing, where
           something remains without it.
         """
@@ -307,13 +317,26 @@ class Confirmation:
             return True
         if self._lowers_enough(left, present.error.ratio, without):
             return False
-        if not is_lowered(present.error.ratio, without.error.ratio, 0.0):
+        if self._raises_error(present, without):
             return True
         if shows_in_balance(without.fit.model, present.fit, self.settings):
             return False
         if self._is_rare(left) and not self._another_pays(present.fit):
             return False
         return present.remains or not without.remains
+
+    def _raises_error(self, present: Explanation, without: Explanation) -> bool:
+        """Whether the held-out error rises by more than is negligible. That of a free swing tells its period rather
+        than its losses: it does not count against frictions that these confirm."""
+        lowered = is_lowered(present.error.ratio, without.error.ratio, 0.0)
+        return not lowered and not self._losses_confirm(present, without)
+
+    def _losses_confirm(self, present: Explanation, without: Explanation) -> bool:
+        """Whether frictions that the energy balance shows explain the losses of held-out swings better, too."""
+        balance = self.held_out_balance
+        if balance is None or not shows_in_balance(without.fit.model, present.fit, self.settings):
+            return False
+        return balance.deviance(present.fit.model) < balance.deviance(without.fit.model)
 
     def _lowers_enough(self, left: Addition, ratio: float, without: Explanation) -> bool:
         """Whether the held-out error falls to `ratio` by what matters, times the rarity of what is added; beside others
@@ -350,6 +373,8 @@ class Confirmation:
         for addition in self.additions:
             fewer = self.now.without(addition)
             if not math.isfinite(fewer.error.ratio):  # without it the model runs away
+                continue
+            if self._losses_confirm(self.now, fewer):
                 continue
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
             comparable = not self.base.samples.shared

@@ -19,6 +19,7 @@ from sysid.diagnosis.criteria import (
     is_plausible,
     matters,
     recurs,
+    shows_in_balance,
     squared_size,
 )
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
@@ -374,10 +375,11 @@ class Search:
         )
 
     def _predicts(self, before: Fit, after: Fit) -> bool:
-        """Whether left-out stretches are predicted better, or if the model needs no random torque any more, no worse.
-        Beside a random torque likelihood alone believes too much."""
+        """Whether left-out stretches are predicted better; or no worse, if the model needs no random torque any more or
+        the energy balance shows what is added. Beside a random torque likelihood alone believes too much."""
         better, sd = self._left_out_gain(before, after)
-        return math.isfinite(better) and better > (-sd if after.undisturbed else 0.0)
+        shown = after.undisturbed or shows_in_balance(before.model, after, self.settings)
+        return math.isfinite(better) and better > (-sd if shown else 0.0)
 
     def _left_out_gain(self, before: Fit, after: Fit) -> tuple[float, float]:
         """How much better left-out stretches are predicted over the same windows, with the standard error."""

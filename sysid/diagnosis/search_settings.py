@@ -132,6 +132,8 @@ class SearchSettings:
         ("saturation", "spring"),
         ("spring", "torque_bias"),
         ("coulomb", "spring", "torque_bias"),
+        ("viscous", "spring"),
+        ("viscous", "spring", "torque_bias"),
         ("torque_speed_limit", "coulomb", "delay"),
         ("coulomb", "flexible_transmission"),
     )

@@ -85,7 +85,7 @@ def with_best_memory(found: Fit) -> Fit:
     The angle of a free swing may have a smooth error, too, if that makes the log likelier by more than chance.
     """
     likely = with_likely_shared_error(found)
-    if not (found.samples.driven or found.samples.shared):
+    if found.samples.shared or not found.samples.driven:
         begins = (likely, with_smooth_error(found))
         rough, smooth = (continued(found, own) for own in begins)
         if smooth.deviance < rough.deviance - NUMBERS_GAIN and smooth.errs_by_little:

@@ -250,15 +250,17 @@ def with_likely_shared_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1
 
 
 def with_smooth_error(fitted: Fit) -> Disturbances:
-    """The fit's disturbances with a smooth error of the angle, of the likeliest correlation time T_f of SMOOTH.
+    """The fit's disturbances with a smooth error of the readings, of the likeliest correlation time T_f of SMOOTH.
 
     It begins as large as lets neighbouring readings differ as much as now, in place of most of the random torque, and
-    beside an error o of a short memory.
+    beside an error o of a short memory. Neighbouring speeds differ by the random torque, too.
     """
     now, neighbours = fitted.disturbances, np.array([0.0, fitted.samples.dt])
     short = replace(now, s=0.1 * now.s, sigma_o=now.sigma_o * math.sqrt(SHORT / now.T_o), T_o=SHORT)
     alone = [Disturbances(0.0, sigma_f=1.0, T_f=T_f) for T_f in SMOOTH]
     change, *own = (-float(np.diff(of.shared_variance(neighbours))[0]) for of in (now, *alone))
+    if fitted.samples.shared:
+        change += 0.5 * (now.s * fitted.samples.dt) ** 2
     begins = [replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(own, SMOOTH, strict=True)]
     return maximum_likelihood(fitted.linearised.system, begins)
 

@@ -15,6 +15,8 @@ from sysid.physics.parameters import Extent, parameter
 
 LARGEST_SHARE = 0.95
 """Share of the load, at most, that friction may take if the machine is to move."""
+FURTHEST_WOUND = 10.0
+"""Reach of a motion [rad] from which no spring is believed: a wheel that turns round and round winds none."""
 LOWEST_RESONANCE = 3.5
 """Times a free swing's own frequency from which a resonance is believed: the swing has next to no higher harmonics."""
 
@@ -112,12 +114,16 @@ class Spring(JointEffect):
         """Whether it pulls back. What pushes outwards stands for something else, such as an uneven scale."""
         return float(self.k) >= 0.0
 
+    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+        """Whether the motion stays within FURTHEST_WOUND."""
+        return reach < FURTHEST_WOUND
+
     def torque(self, joint: Joint) -> Value:
         return -self.k * (joint.theta - joint.plant.rest)
 
 
 @dataclass(frozen=True, eq=False)
-class CubicSpring(JointEffect):
+class CubicSpring(Spring):
     """A spring that grows stiffer the further it is bent: rubber, a membrane, a beam between two walls.
 
     With it an axis is Duffing's oscillator (Nayfeh, Mook: Nonlinear Oscillations, ch. 4). k_3 = 0 is Spring. One that
@@ -126,18 +132,11 @@ class CubicSpring(JointEffect):
 
     label = "a spring that grows stiffer"
     rarity = 2.5
-    imitates = "theta"
     refines = (("spring",), ("spring", "torque_bias"))
     contains = ("spring",)
     formula = "tau = -k x - k_3 x^3, x = theta - rest"
     confused = ("spring",)
-    k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
     k_3: Value = parameter(0.0, unit="N m/rad^3", bounds=(0.0, math.inf), neutral=0.0)
-
-    @property
-    def plausible(self) -> bool:
-        """Whether it pulls back from everywhere, which a beam that buckles does not."""
-        return float(self.k) >= 0.0
 
     def torque(self, joint: Joint) -> Value:
         x = joint.theta - joint.plant.rest
