@@ -212,12 +212,24 @@ class Confirmation:
             no_worse = stage.error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best)
             if no_worse or self._losses_confirm(stage, self.now):
                 best, self.now = min(best, stage.error.ratio), stage
+        self._simplify()
         chosen = set(self.now.names)
         self._drop_needless()
         self._return_to_earlier(chosen.difference(self.now.names))
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
         refined = {name for own in self.now.names for simpler in CATALOGUE[own].refines for name in simpler}
         self.unconfirmed = [name for name in tried if name not in self.now.names and name not in refined]
+
+    def _simplify(self) -> None:
+        """Put a refinement's simpler form in its place, if the refinement does not lower the held-out error by what
+        matters, times its rarity."""
+        for addition in self.additions:
+            least = min(self.settings.tolerance * CATALOGUE[addition.name].rarity, 1.0)
+            for new, fit in self.search.simpler_forms(self.now.fit, addition):
+                simpler = self._weigh(tuple(self.search.in_place_of(addition, new, self.additions)), settled(fit))
+                if not is_lowered(self.now.error.ratio, simpler.error.ratio, least):
+                    self.now = simpler
+                    break
 
     def _return_to_earlier(self, dropped: set[str]) -> None:
         """If what was dropped had taken the place of another addition, keep the last stage with that one beside what is

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -483,17 +483,9 @@ class Search:
     def _simplified(self, now: Fit) -> Fit:
         """Replace refinements that, beside later additions, no longer beat their simpler form or are not plausible."""
         for addition in list(self.additions):
-            present = set(now.model.effect_names)
-            for simpler in CATALOGUE[addition.name].refines:
-                new = tuple(n for n in simpler if n not in present and (n in self.last or n in self.first))
-                if not new or len(new) + len(present & set(simpler)) < len(simpler):
-                    continue
-                logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
-                other = self._with_simpler(now, addition.name, new)
-                if not is_determined(other, now, ()):  # other numbers of the model absorb the simpler form
-                    continue
+            for new, other in self.simpler_forms(now, addition):
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
-                shared = {field for n in simpler for field in effect(n).parameters}
+                shared = {field for n in new for field in effect(n).parameters}
                 if (
                     is_plausible(now, (addition.name,))
                     and not squared_size(now, addition.name, shared) < self.settings.sure_size
@@ -502,12 +494,31 @@ class Search:
                     and matters(other.model, now, self.settings)
                 ):
                     continue
-                at = self.additions.index(addition)
-                came = {e.name for e in self.given}
-                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value) for n in new if n not in came]
+                self.additions = list(self.in_place_of(addition, new, self.additions))
                 now = fit_parameters(now.samples, other.model, other.names, other)
                 break
         return now
+
+    def simpler_forms(self, now: Fit, addition: Addition) -> Iterator[tuple[tuple[str, ...], Fit]]:
+        """The simpler forms of a refinement: the names of the effects that come in its place, and the fit with them.
+        Those that other numbers of the model absorb are left out."""
+        present = set(now.model.effect_names)
+        for simpler in CATALOGUE[addition.name].refines:
+            new = tuple(n for n in simpler if n not in present and (n in self.last or n in self.first))
+            if new and len(new) + len(present & set(simpler)) >= len(simpler):
+                logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
+                other = self._with_simpler(now, addition.name, new)
+                if is_determined(other, now, ()):
+                    yield new, other
+
+    def in_place_of(self, refined: Addition, new: Sequence[str], additions: Sequence[Addition]) -> Iterator[Addition]:
+        """The additions with a simpler form of one of them in its place; what the model came with is none."""
+        came = {e.name for e in self.given}
+        for own in additions:
+            if own is refined:
+                yield from (Addition(n, (), (), refined.p_value) for n in new if n not in came)
+            else:
+                yield own
 
     def _simpler(self, now: Fit, refined: str, name: str) -> Effect:
         """A simpler effect that begins at the refinement's numbers if these include its own, else at a small size."""

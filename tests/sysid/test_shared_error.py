@@ -1,4 +1,4 @@
-"""An error of the angle that neighbouring readings share, as on a film: it is the sensor's, and no missing torque."""
+"""An error that neighbouring readings share, as on a film or of a coarse encoder's speed: it is no missing torque."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error, widened_sensor
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error, with_smooth_error
 from sysid.estimation.solver import fit_parameters
+from sysid.physics.ops import Array
 from tests.sysid.planted import accelerated
 
 DT, NOISE, SHARED = 0.08, 6e-4, 0.0136
@@ -91,6 +92,29 @@ def test_a_smooth_error_is_a_stationary_process_of_the_covariance_that_defines_i
     np.testing.assert_allclose(twice * start @ twice.T + grown, np.diag(start), rtol=1e-12, atol=1e-15)
     kept = [np.linalg.matrix_power(once, k)[2, 2] * start[2] for k in range(40)]
     np.testing.assert_allclose(kept, error.shared_variance(0.02 * np.arange(40)), rtol=1e-9)
+
+
+def test_a_smooth_error_of_speeds_is_told_from_a_random_torque() -> None:
+    """A wheel is pushed to and fro by 0.3 N m, and its speed is read with an error of 0.5 rad/s that is smooth over
+    0.3 s. A random torque in its place accumulates: beside it the frictions are half as sure."""
+    wheel = Model(GeneralJoint(J=0.1, G=0.0), (effect("coulomb", tau_c=0.04), effect("drag", c=4e-5)), RK4(2), 0.02)
+    u = 0.3 * np.sign(np.sin(0.4 * np.arange(1200) * 0.02 * np.arange(1200) / 1200.0 + 0.1))
+    pushed, a = simulate(wheel, u, 0.0, 10.0), 2.0 * 0.02 * np.arange(1201) / 0.3
+    lags = np.abs(np.subtract.outer(a, a))
+    root = np.linalg.cholesky((1.0 + lags) * np.exp(-lags) + 1e-9 * np.eye(len(a)))
+    names, truth, z = ("coulomb.tau_c", "drag.c"), np.array([0.04, 4e-5]), list[Array]()
+    for rng in map(np.random.default_rng, range(4)):
+        error = 0.5 * root @ rng.standard_normal(1201) + 0.05 * rng.standard_normal(1201)
+        record = Record(t=pushed.t, u=pushed.u, theta_dot=pushed.theta_dot + error)
+        samples = Samples(wheel, [record], Sensor(theta_dot=0.05), speeds_share=True)
+        beside = fit_parameters(samples, wheel, names)
+        found = fit_parameters(samples, wheel, names, beside, with_smooth_error(beside))
+        assert found.deviance < beside.deviance - 100.0
+        assert found.disturbances.sigma_f == pytest.approx(0.5, rel=0.3) and found.disturbances.T_f == 0.3
+        sds = [np.sqrt(np.diag(own.covariance)) for own in (found, beside)]
+        assert np.all(2.0 * sds[0] < sds[1])
+        z.append((found.values - truth) / sds[0])
+    assert np.mean(np.square(z)) < 3.0
 
 
 @pytest.mark.parametrize("seed", range(2))

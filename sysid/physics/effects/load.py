@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -106,7 +107,7 @@ class Spring(JointEffect):
     label = "a spring"
     imitates = "theta"
     formula = "tau = -k (theta - rest)"
-    confused = ("torque_bias", "ripple", "cubic_spring")
+    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple", "cubic_spring")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     @property
@@ -160,8 +161,8 @@ class Ripple(JointEffect):
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
 
     def recurrences(self, theta: Array, t: Array, u: Array) -> float:
-        """Waves along the motion."""
-        return float(self.order * np.ptp(theta)) / (2.0 * math.pi)
+        """Waves along the motion; one less in a free swing, where an uneven scale looks like a wave."""
+        return float(self.order * np.ptp(theta)) / (2.0 * math.pi) - (0.0 if np.any(u) else 1.0)
 
     def torque(self, joint: Joint) -> Value:
         phase = self.order * joint.theta
