@@ -501,8 +501,9 @@ class Search:
 
     def simpler_forms(self, now: Fit, addition: Addition) -> Iterator[tuple[tuple[str, ...], Fit]]:
         """The simpler forms of a refinement: the names of the effects that come in its place, and the fit with them.
-        Those that other numbers of the model absorb are left out."""
-        present = set(now.model.effect_names)
+        What another effect contains is present. Forms that other numbers of the model absorb are left out."""
+        others = [e for e in now.model.effects if e.name != addition.name]
+        present = {addition.name, *(e.name for e in others)} | contained_in(others)
         for simpler in CATALOGUE[addition.name].refines:
             new = tuple(n for n in simpler if n not in present and (n in self.last or n in self.first))
             if new and len(new) + len(present & set(simpler)) >= len(simpler):

@@ -18,6 +18,7 @@ from sysid import (
     LinearAxis,
     LoadFriction,
     Model,
+    Record,
     Ripple,
     RodPendulum,
     Sensor,
@@ -26,6 +27,7 @@ from sysid import (
     TorqueBias,
     Viscous,
     diagnose,
+    effect,
     simulate,
 )
 from tests.sysid.planted import assert_named, assert_recovered, logs, truth
@@ -70,6 +72,17 @@ def test_an_oscillator_far_from_any_starting_value_is_found_with_its_springs():
     assert answer.error.ratio < 1.1
     for name, value in answer.estimate.values.items():
         assert abs(value - float(truth.parameters[name].value)) < 4.0 * answer.estimate.sd[name], name
+
+
+def test_a_mass_on_a_spring_that_hardly_swings_is_found_with_its_friction():
+    """Without friction a spring predicts worse than none does, and friction says nothing without the spring."""
+    model = Model(LinearAxis(m=1.0), (effect("spring", k=9.8), effect("viscous", b=1.6)), RK4(substeps=2), 0.02)
+    swing, rng = simulate(model, np.zeros(500), 0.25, 0.0), np.random.default_rng(0)
+    record = Record(swing.t, swing.u, swing.theta + 4e-3 * rng.standard_normal(501))
+    found = diagnose(Model(LinearAxis(m=1.0), (), RK4(substeps=2), 0.02), [record])
+    assert {step.effect for step in found.steps} == {"spring", "viscous"}, found
+    assert found.estimate.values["spring.k"] == pytest.approx(9.8, rel=0.03)
+    assert found.estimate.values["viscous.b"] == pytest.approx(1.6, rel=0.05)
 
 
 def test_a_ripple_conserves_energy_and_repeats_every_wave():

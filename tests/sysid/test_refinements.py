@@ -12,6 +12,8 @@ import pytest
 import sysid
 from sysid import Model, RodPendulum, diagnose, simulate
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
+from sysid.estimation.refits import extended
+from sysid.estimation.solver import QUICK
 from sysid.physics.effects import CATALOGUE
 from tests.sysid.planted import DT, SENSOR, logs, rod, truth
 
@@ -118,6 +120,15 @@ def test_what_a_refinement_replaced_comes_back_without_it() -> None:
     assert all_but(beside, [beside]) == [coulomb]
     assert present(search.without(end, beside, [coulomb]).model) == {"coulomb"}
     assert present(search.without(end, beside).model) == set()
+
+
+def test_what_another_effect_contains_is_no_simpler_form_of_a_second_one() -> None:
+    """Warming friction is dry friction, which one that gives before it slides is, too."""
+    search = Search(planted("dahl"), SENSOR)
+    _, end = search.run(rod(), ("m", "l"))
+    both = extended(end, [sysid.effect("warming_friction", tau_c=0.02, excess=0.05)], QUICK)
+    forms = [new for new, _ in search.simpler_forms(both, Addition("warming_friction", (), (), 0.0))]
+    assert forms and not any("coulomb" in new for new in forms)
 
 
 def test_a_model_that_has_the_right_friction_keeps_it() -> None:

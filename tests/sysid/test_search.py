@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -451,6 +452,9 @@ def test_friction_that_rubs_one_way_only_is_no_friction() -> None:
 def test_a_spring_pulls_back_and_friction_is_left_in_a_warm_machine() -> None:
     assert Spring(k=0.1).plausible and not Spring(k=-0.1).plausible
     assert CubicSpring(k=0.0, k_3=1.0).plausible and not CubicSpring(k=-0.1, k_3=1.0).plausible
+    for kind in (Spring, CubicSpring):
+        within, round_and_round = (kind().resolved(0.0, reach, cast(Any, None)) for reach in (3.0, 30.0))
+        assert within and not round_and_round
     assert WarmingFriction(tau_c=0.1, excess=0.5).plausible and WarmingFriction().plausible
     assert not WarmingFriction(tau_c=0.01, excess=0.5).plausible
 
@@ -473,6 +477,9 @@ def test_a_pattern_has_to_come_back() -> None:
 
     waves = 2.0 * math.pi / span
     assert comes_back(Ripple(a=0.1, order=max(2.0, 2.2 * waves))) and not comes_back(Ripple(a=0.1, order=1.8 * waves))
+    still, theta = np.zeros(99), np.linspace(0.0, 1.0, 100)
+    driven, free = (Ripple(order=5.0 * math.pi).recurrences(theta, theta, u) for u in (still + 1.0, still))
+    assert driven == pytest.approx(2.5) and free == pytest.approx(1.5), "of a free swing the scale may be uneven"
     assert comes_back(Periodic(a=0.1, f=2.2 / duration)) and not comes_back(Periodic(a=0.1, f=1.8 / duration))
     assert comes_back(Tilt(alpha=0.1)) and comes_back(Coulomb(tau_c=0.1))
 
