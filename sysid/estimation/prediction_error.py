@@ -23,10 +23,6 @@ from sysid.physics.ops import Array
 
 STRETCH = 1.0
 """Length [s] of the stretches over which the effects of what a model lacks are correlated."""
-FEWEST_STRETCHES = 8
-"""Stretches from whose scatter a standard deviation is found; those of a short log are shorter."""
-SHORTEST_STRETCH = 0.3
-"""Length [s] below which stretches say little more than single readings."""
 CHECKED = 0.99
 """Share of a stretch that the jackknife leaves out: with all of it, a number that one stretch alone tells would have no
 interval."""
@@ -168,9 +164,8 @@ class Fit:
 
     @cached_property
     def _stretches(self) -> list[slice]:
-        """The innovations of each stretch of `STRETCH`; of shorter ones, if there were few of these."""
-        seconds = float(np.clip(len(self.samples) * self.samples.dt / FEWEST_STRETCHES, SHORTEST_STRETCH, STRETCH))
-        stretch = np.floor(self.samples.t / seconds) + 1e7 * self.samples.number
+        """The innovations of each stretch of `STRETCH`."""
+        stretch = np.floor(self.samples.t / STRETCH) + 1e7 * self.samples.number
         begins = [*np.flatnonzero(np.diff(stretch, prepend=-1.0)).tolist(), len(self.samples)]
         return [slice(2 * a, 2 * b) for a, b in pairwise(begins)]
 
