@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sysid.data.record import Record, extent_of, first_samples
 from sysid.data.sensor import Sensor
 from sysid.estimation.smoothed_start import smooth_states
-from sysid.physics.effects.load import FURTHEST_WOUND
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -46,8 +45,8 @@ class IntegratedMotion(NamedTuple):
 
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
-    columns (N, 5)     the integrals of sin(theta), tau, -theta_dot, -sign(theta_dot) and 1; where nothing weighs, on a
-                       linear axis, say, the first is that of theta, for a spring in place of the weight
+    columns (N, 5)     the integrals of sin(theta) (on a linear axis theta, for a spring in place of the weight), tau,
+                       -theta_dot, -sign(theta_dot) and 1
     driven (N,)        the integral of -theta_dot where the command is not 0
     speed_change (N,)  the left-hand side [rad/s]
     slow               the speed [rad/s] below which the joint stands, from the RMS speed of all records together
@@ -88,13 +87,11 @@ def integrated_motion(
     same places, and spans of few kinds tell no friction from another.
 
     A gravity that none of the free `names` determines is part of tau: along a sine a free one is as good as an inertia.
-    Where there is none, a spring may hold the joint, if it does not turn round and round.
 
     Spans count in which the joint moves faster than
     `slow` [rad/s] and than STANDING_SPEED of its record's RMS speed. A record shorter than four spans gives none.
     """
     rows, targets, reach = [np.zeros((0, 6))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
-    springs = not _weighs(model, names) and reach < FURTHEST_WOUND
     parts = first_samples(records, MOST_REGRESSED)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
     for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
@@ -104,7 +101,7 @@ def integrated_motion(
             continue
         place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
         columns = (
-            place if springs else weight_along(model, place),
+            weight_along(model, place) if model.plant.turns else place,  # a linear axis may hang on a spring
             model.torque(place, middle, part.u),
             -middle,
             -np.sign(middle),
@@ -116,7 +113,7 @@ def integrated_motion(
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     slow = slow_speed([theta_dot for _, theta_dot in smoothed])
     found = np.concatenate(rows)
-    if model.plant.turns and not springs and not frees_gravity(model, names):
+    if model.plant.turns and not frees_gravity(model, names):
         found[:, 1] += float(model.plant.largest_gravity_torque) * found[:, 0]
         found[:, 0] = 0.0
     return IntegratedMotion(found[:, :5], found[:, 5], np.concatenate(targets), slow)
@@ -282,11 +279,6 @@ def frees_gravity(model: Model, names: Sequence[str]) -> bool:
     """Whether one of the free `names` determines the size of gravity."""
     plant = model.plant
     return plant.turns and not ({plant.gravity} if plant.gravity else set(plant.parameters)).isdisjoint(names)
-
-
-def _weighs(model: Model, names: Sequence[str]) -> bool:
-    """Whether gravity pulls at the joint, or may."""
-    return model.plant.turns and (frees_gravity(model, names) or float(model.plant.largest_gravity_torque) > 0.0)
 
 
 def _sums(column: Array | NDArray[np.bool_], span: int) -> Array:

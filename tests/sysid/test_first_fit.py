@@ -19,7 +19,6 @@ from sysid import (
     Record,
     Saturation,
     Sensor,
-    Spring,
     TorqueSpeedLimit,
     Viscous,
     diagnose,
@@ -184,17 +183,6 @@ def test_the_inertia_of_a_quick_step_is_guessed() -> None:
     record = Record(dt * np.arange(12001), np.array(torques), np.array(angles) + 1e-4 * rng.standard_normal(12001))
     guess = initial_guess(Model(GeneralJoint(J=0.1, G=0.0), dt=dt), ("J",), [record], Sensor(theta=1e-4))
     assert float(guess.parameters["J"].value) == pytest.approx(0.015, rel=0.3)
-
-
-def test_the_inertia_of_a_lever_that_a_spring_holds_is_guessed() -> None:
-    """The drive bends the spring to and fro, and next to nothing of its torque is left for the lever."""
-    rng, dt, names = np.random.default_rng(0), 0.005, ("J",)
-    lever = Model(GeneralJoint(J=0.001, G=0.0), (Spring(k=3.0), Coulomb(tau_c=0.02)), RK4(4), dt)
-    u = 0.4 * np.sin(2.0 * np.pi * 0.7 * dt * np.arange(2000)) + 0.1 * np.sign(np.sin(9.0 * dt * np.arange(2000)))
-    bent = simulate(lever, u, np.pi, 0.0)
-    record = Record(bent.t, bent.u, bent.theta + 2e-5 * rng.standard_normal(2001))
-    guess = initial_guess(Model(GeneralJoint(J=0.1, G=0.0), dt=dt), names, [record], Sensor(theta=2e-5))
-    assert float(guess.parameters["J"].value) == pytest.approx(0.001, rel=0.3)
 
 
 @pytest.mark.long
