@@ -21,8 +21,8 @@ class Disturbances:
         o:  error of the angle's reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
             rounding at slow speed, stamps that jitter, a vibration of the structure. Where speeds alone are read it may
             be the speed's [rad/s], averaged over turns of an encoder, say (`Samples.shared`)
-        f:  smooth error of the angle's reading [rad], sd sigma_f, correlation time T_f [s]: a film's perspective, the
-            edge of a marker, a swing that leaves its plane
+        f:  smooth error of the same reading, sd sigma_f, correlation time T_f [s]: a film's perspective, the edge of a
+            marker, a swing that leaves its plane; of a speed the pitch of an encoder
 
     d and o are Ornstein-Uhlenbeck processes, x(t + dt) = exp(-dt / T) x(t) + w. Since d accumulates in the motion and o
     does not, d explains slow errors and o fast ones. f is a Matern process of order 3/2, which has a rate:

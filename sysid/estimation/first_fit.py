@@ -82,7 +82,8 @@ def with_best_memory(found: Fit) -> Fit:
     slow random torque is likeliest, with parameters that suit the jolts. Cross-validated predictions over a second show
     which parameters are the machine's: another T is taken if they are better by more than their standard error.
 
-    The angle of a free swing may have a smooth error, too, if that makes the log likelier by more than chance.
+    The angle of a free swing, or speeds that share an error, may have a smooth error, too, if that makes the log
+    likelier by more than chance.
     """
     likely = with_likely_shared_error(found)
     if found.samples.shared or not found.samples.driven:
