@@ -201,9 +201,13 @@ class Search:
             tried[:] = [*(t for t in tried if t not in same), *([best] if best else [])]
 
     def tested(self, now: Fit) -> dict[str, Score]:
-        """The score tests of the effects that may be used, without those that a present effect contains."""
-        contained = contained_in(now.model.effects)
-        return {name: own for name, own in scores(now, self.effects).items() if name not in contained}
+        """The score tests of the effects that may be used, without those that a present effect contains, or beside
+        which it would be a second form of the same: of two dry frictions that give or fall with speed, say, a log tells
+        neither's number."""
+        present, contained = set(now.model.effect_names), contained_in(now.model.effects)
+        taken = {n for n, kind in CATALOGUE.items() if not contained.isdisjoint(kind.contains)}
+        second = {n for n in taken if present.isdisjoint(CATALOGUE[n].contains)}
+        return {n: own for n, own in scores(now, self.effects).items() if n not in contained | second}
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""

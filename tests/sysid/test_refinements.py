@@ -111,6 +111,15 @@ def test_no_stage_of_a_search_has_an_effect_beside_one_that_contains_it(name: st
         assert not present(fit.model) & contained_in(fit.model.effects)
 
 
+def test_a_second_form_of_what_is_there_is_not_tested_but_what_contains_the_first_one_is() -> None:
+    search = Search(planted("dahl"), SENSOR)
+    _, end = search.run(rod(), ("m", "l"))
+    assert present(end.model) == {"dahl"}
+    tested = set(search.tested(end))
+    assert {"lugre", "viscous", "load_friction"} <= tested
+    assert not {"dahl", "coulomb", "stribeck", "warming_friction", "asymmetric_coulomb"} & tested
+
+
 def test_what_a_refinement_replaced_comes_back_without_it() -> None:
     search = Search(planted("dahl"), SENSOR)
     _, end = search.run(rod(), ("m", "l"))
