@@ -26,7 +26,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.stats import binomtest
 from tyro.conf import arg
 
 from study.mismatch.measured import measured_rollouts
@@ -113,6 +112,8 @@ def naming_table(rows: Sequence[NamingResult]) -> Table:
 
 
 def _cell(rows: Sequence[NamingResult]) -> str:
+    from scipy.stats import binomtest  # loads for a second
+
     if not rows:
         return ""
     right = sum(row.right for row in rows)
