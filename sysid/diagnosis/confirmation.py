@@ -226,7 +226,7 @@ class Confirmation:
         for addition in self.additions:
             least = min(self.settings.tolerance * CATALOGUE[addition.name].rarity, 1.0)
             for new, fit in self.search.simpler_forms(self.now.fit, addition):
-                simpler = self._weigh(tuple(self.search.in_place_of(addition, new, self.additions)), settled(fit))
+                simpler = self._weigh(self.search.in_place_of(addition, new, self.additions), settled(fit))
                 if not is_lowered(self.now.error.ratio, simpler.error.ratio, least):
                     self.now = simpler
                     break
@@ -345,10 +345,10 @@ class Confirmation:
 
     def _losses_confirm(self, present: Explanation, without: Explanation) -> bool:
         """Whether frictions that the energy balance shows explain the losses of held-out swings better, too."""
-        balance = self.held_out_balance
-        if balance is None or not shows_in_balance(without.fit.model, present.fit, self.settings):
+        if not shows_in_balance(without.fit.model, present.fit, self.settings):
             return False
-        return balance.deviance(present.fit.model) < balance.deviance(without.fit.model)
+        balance = self.held_out_balance
+        return balance is not None and balance.deviance(present.fit.model) < balance.deviance(without.fit.model)
 
     def _lowers_enough(self, left: Addition, ratio: float, without: Explanation) -> bool:
         """Whether the held-out error falls to `ratio` by what matters, times the rarity of what is added; beside others

@@ -70,9 +70,10 @@ class Addition:
     replaced: tuple[Addition, ...] = ()
 
 
-def all_but(left: Addition, additions: Sequence[Addition]) -> list[Addition]:
-    """The additions without one of them, which makes place again for those that it replaced."""
-    return [own for a in additions for own in (left.replaced if a is left else (a,))]
+def all_but(left: Addition, additions: Sequence[Addition], instead: Sequence[Addition] | None = None) -> list[Addition]:
+    """The additions without one of them, which makes place for those that it had replaced, or for others `instead`."""
+    back = left.replaced if instead is None else instead
+    return [own for a in additions for own in (back if a is left else (a,))]
 
 
 def contained_in(effects: Iterable[Effect]) -> set[str]:
@@ -498,7 +499,7 @@ class Search:
                     and matters(other.model, now, self.settings)
                 ):
                     continue
-                self.additions = list(self.in_place_of(addition, new, self.additions))
+                self.additions = self.in_place_of(addition, new, self.additions)
                 now = fit_parameters(now.samples, other.model, other.names, other)
                 break
         return now
@@ -516,14 +517,10 @@ class Search:
                 if is_determined(other, now, ()):
                     yield new, other
 
-    def in_place_of(self, refined: Addition, new: Sequence[str], additions: Sequence[Addition]) -> Iterator[Addition]:
+    def in_place_of(self, refined: Addition, new: Sequence[str], additions: Sequence[Addition]) -> list[Addition]:
         """The additions with a simpler form of one of them in its place; what the model came with is none."""
         came = {e.name for e in self.given}
-        for own in additions:
-            if own is refined:
-                yield from (Addition(n, (), (), refined.p_value) for n in new if n not in came)
-            else:
-                yield own
+        return all_but(refined, additions, [Addition(n, (), (), refined.p_value) for n in new if n not in came])
 
     def _simpler(self, now: Fit, refined: str, name: str) -> Effect:
         """A simpler effect that begins at the refinement's numbers if these include its own, else at a small size."""

@@ -35,13 +35,18 @@ def filmed(seconds: float, T_o: float, seed: int) -> Record:
     return Record(swing.t, swing.u, swing.theta + error)
 
 
+def smooth_error(rng: np.random.Generator, t: Array, T_f: float, size: float) -> Array:
+    """A smooth error at the times t (M,) [s], of the covariance that defines it."""
+    a = 2.0 * np.abs(t[:, None] - t) / T_f
+    root = np.linalg.cholesky((1.0 + a) * np.exp(-a) + 1e-9 * np.eye(len(a)))
+    return np.asarray(size * root @ rng.standard_normal(len(a)))
+
+
 def smoothly_filmed(model: Model, seconds: float, T_f: float, seed: int, size: float = 5e-3) -> Record:
     """A swing from 80 degrees, and a film's angle of it with a smooth error of the covariance that defines it."""
     rng, dt = np.random.default_rng(seed), model.dt
     swing = simulate(model, np.zeros(round(seconds / dt)), math.pi + 1.4, 0.0)
-    a = 2.0 * np.abs(swing.t[:, None] - swing.t) / T_f
-    root = np.linalg.cholesky((1.0 + a) * np.exp(-a) + 1e-9 * np.eye(len(a)))
-    error = size * root @ rng.standard_normal(len(a)) + NOISE * rng.standard_normal(len(a))
+    error = smooth_error(rng, swing.t, T_f, size) + NOISE * rng.standard_normal(len(swing.t))
     return Record(swing.t, swing.u, swing.theta + error)
 
 
@@ -101,12 +106,10 @@ def test_a_smooth_error_of_speeds_is_told_from_a_random_torque() -> None:
     0.3 s. A random torque, with which the fit begins, accumulates: beside it the frictions are less sure."""
     wheel = Model(GeneralJoint(J=0.1, G=0.0), (effect("coulomb", tau_c=0.04), effect("drag", c=4e-5)), RK4(2), 0.02)
     u = 0.3 * np.sign(np.sin(0.4 * np.arange(1200) * 0.02 * np.arange(1200) / 1200.0 + 0.1))
-    pushed, a = simulate(wheel, u, 0.0, 10.0), 2.0 * 0.02 * np.arange(1201) / 0.3
-    lags = np.abs(np.subtract.outer(a, a))
-    root = np.linalg.cholesky((1.0 + lags) * np.exp(-lags) + 1e-9 * np.eye(len(a)))
+    pushed = simulate(wheel, u, 0.0, 10.0)
     names, truth, z = ("coulomb.tau_c", "drag.c"), np.array([0.04, 4e-5]), list[Array]()
     for rng in map(np.random.default_rng, range(4)):
-        error = 0.5 * root @ rng.standard_normal(1201) + 0.05 * rng.standard_normal(1201)
+        error = smooth_error(rng, pushed.t, 0.3, 0.5) + 0.05 * rng.standard_normal(1201)
         record = Record(t=pushed.t, u=pushed.u, theta_dot=pushed.theta_dot + error)
         samples = Samples(wheel, [record], Sensor(theta_dot=0.05), speeds_share=True)
         beside = fit_parameters(samples, wheel, names, disturbances=Disturbances(3.0, 0.1), settings=ALONE)
