@@ -47,13 +47,26 @@ A_CONTROLLERS_PATH = (
 
 @dataclass(frozen=True)
 class Alternative:
-    """A single effect with which the log is as likely as with all steps of the answer together.
+    """Effects with which the log is as likely as with some steps of the answer, in the place of these.
 
-    parameters   its numbers {name: {value, sd, unit}} in its own fit
+    effects      their names; instead: the names of the steps
+    parameters   their numbers {effect: {name: {value, sd, unit}}} in their own fit
     """
 
-    effect: str
-    parameters: dict[str, dict[str, Any]]
+    effects: tuple[str, ...]
+    instead: tuple[str, ...]
+    parameters: dict[str, dict[str, dict[str, Any]]]
+
+    @property
+    def in_words(self) -> str:
+        """A phrase on what stands in place of what."""
+        return f"{' and '.join(self.effects)} in place of {' and '.join(self.instead)}"
+
+    @property
+    def sentence(self) -> str:
+        """What explains the log as well as what, with its numbers."""
+        names = " and ".join(with_numbers(effect, self.parameters[effect]) for effect in self.effects)
+        return f"{names} explain{'s' * (len(self.effects) == 1)} the log as well as {' and '.join(self.instead)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +199,8 @@ class Diagnosis:
     friction : FrictionAlong or None
         Friction and load in the drive's torque, if no model explains how the motion follows from the torque.
     alternatives : tuple of Alternative
-        Refinements, such as asymmetric friction, that explain the log as well as the steps do together.
+        Other sets of common frictions, and refinements such as asymmetric friction, that explain the log as well as
+        steps do.
     """
 
     verdict: str
@@ -303,6 +317,7 @@ class Diagnosis:
     def finding(self) -> str:
         """What was found, with its evidence."""
         names = " and ".join(" or ".join([with_numbers(s.effect, s.parameters), *s.rivals]) for s in self.steps)
+        names += "".join(f", or {a.in_words}" for a in self.alternatives)
         left = [] if self.remaining is None else [self._left(self.remaining)]
         share = self._share()
         if self.verdict == "adequate":
@@ -315,7 +330,8 @@ class Diagnosis:
             classes = "; ".join(" or ".join(s.indistinguishable) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
         else:
-            explains = share and f" explain{'s' * (len(self.steps) == 1)} {share}"
+            several = len(self.steps) > 1 or self.alternatives
+            explains = share and f"{',' * bool(self.alternatives)} explain{'' if several else 's'} {share}"
             none_left = "" if left else ", and nothing else that matters is left"
             parts = [f"{names}{explains}", f"{self._predicted()}{none_left}", *left]
         return f"{'; '.join(parts)}."
@@ -335,10 +351,7 @@ class Diagnosis:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences on effects that do not matter or are not believed, and on data that no fit has used."""
-        remarks = []
-        for own in self.alternatives:
-            steps = " and ".join(s.effect for s in self.steps)
-            remarks.append(f"{with_numbers(own.effect, own.parameters)} explains the log as well as {steps}")
+        remarks = [own.sentence for own in self.alternatives]
         if self.negligible:
             likelier = ", ".join(self.negligible)
             remarks.append(f"likelier with these, and predictions no better by what matters: {likelier}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -13,19 +14,26 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, shows_in_balance, squared_size
+from sysid.diagnosis.criteria import (
+    excess_of,
+    is_nothing,
+    is_plausible,
+    is_undetermined,
+    shows_in_balance,
+    squared_size,
+)
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
-from sysid.estimation.energy_balance import EnergyBalance
+from sysid.estimation.energy_balance import FRICTIONS, EnergyBalance
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, settled
+from sysid.estimation.refits import balanced, extended, settled
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
@@ -136,6 +144,7 @@ class Confirmation:
     bare, now    the explanation without additions, and with those that stay
     unconfirmed  the names of the additions that were taken back
     weighed      names of additions -> the explanation by these
+    as_likely    explanations by other sets of common frictions with which the log is about as likely
     friction     friction and load in the drive's torque, if no model explains how the motion follows from the torque
     """
 
@@ -148,12 +157,14 @@ class Confirmation:
     now: Explanation = field(init=False)
     unconfirmed: list[str] = field(init=False, default_factory=list)
     weighed: dict[tuple[str, ...], Explanation] = field(init=False, default_factory=dict)
+    as_likely: list[Explanation] = field(init=False, default_factory=list)
     friction: FrictionAlong | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self.bare = self.now = self._weigh((), self.base)
         self._confirm()
         self._take_back_imitations()
+        self._compare_frictions()
         self._reconsider()
         self._weigh_friction()
 
@@ -407,6 +418,63 @@ class Confirmation:
         after, before = (own.missing_over(imitates, alone) for own in (self.now, fewer))
         bent = self.now.fit.at_bounds - self.base.at_bounds
         return bool(bent) or after > (1.0 - self.settings.explained_share) * before
+
+    def _compare_frictions(self) -> None:
+        """Compare all sets of common frictions: keep the likeliest, and tell which others are about as likely.
+
+        A search adds one friction after the other, and stays with the first one where two explain more together. A set
+        is kept in place of the named one if it is likelier, its sizes are sure, it does not raise the held-out error,
+        and none of it is needless.
+        """
+        named, others = self.now, list(self._other_frictions())
+        loss = {own: self._loss(own) for own in ((named, *others) if others else ())}
+        sure = (own for own in loss if self._least_size(own) > self.settings.sure_size)
+        for likelier in sorted((own for own in sure if loss[own] < 0.0), key=loss.__getitem__):
+            if is_plausible(likelier.fit, likelier.names) and not self._raises_error(likelier, named):
+                self.now = likelier
+                self._drop_needless()
+                if self.now is likelier:
+                    self.unconfirmed = [name for name in self.unconfirmed if name not in likelier.names]
+                    break
+                self.now = named
+        rest = [own for own in loss if own is not self.now and self._is_as_good(own)]
+        self.as_likely = [own for own in rest if loss[own] - loss[self.now] < self.settings.close_deviance]
+
+    def _other_frictions(self) -> Iterator[Explanation]:
+        """The explanations with other sets of common frictions in place of those that are named. There are none where
+        likelihood has decided, since the model of a driven log needs no random torque."""
+        known = {a.name: a for a in self.additions if a.name in FRICTIONS}
+        if not known or (self.base.samples.driven and self.now.fit.undisturbed):
+            return
+        first = min(map(self.additions.index, known.values()))
+        others = [a for a in self.additions if a.name not in known]
+        fewer = balanced(self.explanation(others).fit, self.now.fit.balance)
+        tested = self.search.tested(fewer)
+        possible = [n for n in FRICTIONS if n in known or (n in tested and tested[n].visible)]
+        sets = (own for k in range(1, len(possible) + 1) for own in combinations(possible, k))
+        for names in (own for own in sets if set(own) != set(known)):
+            for trial in self.search.trial(fewer, names):
+                fit = settled(trial.fit)
+                p = p_value(fewer.deviance - fit.deviance, len(names))
+                new = [known.get(n) or Addition(n, self.search.inseparable(n), (), p) for n in names]
+                yield self._weigh((*others[:first], *new, *others[first:]), fit)
+
+    def _loss(self, other: Explanation) -> float:
+        """By how much another set of frictions is less likely than the named one: the rise of the deviance, divided by
+        the larger excess of the two, and the price of its numbers. All of FRICTIONS are as common here."""
+        excess = max(excess_of(own.fit, FRICTIONS) for own in (other, self.now))
+        more = len(other.additions) - len(self.now.additions)
+        return (other.fit.deviance - self.now.fit.deviance) / excess + self.settings.price * more
+
+    def _least_size(self, own: Explanation) -> float:
+        """The least squared size of the common frictions of an explanation."""
+        return min(squared_size(own.fit, n) for n in own.names if n in FRICTIONS)
+
+    def _is_as_good(self, other: Explanation) -> bool:
+        """Whether another set of frictions is plausible, with sizes beyond their standard deviations, and predicts
+        held-out data no worse by what matters."""
+        worse = is_lowered(self.now.error.ratio, other.error.ratio, self.settings.tolerance)
+        return self._least_size(other) > 1.0 and is_plausible(other.fit, other.names) and not worse
 
     def _reconsider(self) -> None:
         """Add effects that are sure but too small to matter in the motion that was searched, if they matter in the

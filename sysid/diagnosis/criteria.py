@@ -109,10 +109,14 @@ def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
     What a model lacks is no Gaussian process, so that even an idle effect gains more than likelihood theory says: by
     `Fit.excess`, averaged over its numbers.
     """
+    return (other.deviance - found.deviance) / excess_of(found, effects)
+
+
+def excess_of(found: Fit, effects: Sequence[str]) -> float:
+    """The excess variance of the numbers of these effects, on average (`Fit.excess`); 1 if none of them is free."""
     parameters = found.model.parameters
     own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
-    excess = float(np.mean(found.excess[own])) if own else 1.0
-    return (other.deviance - found.deviance) / excess
+    return float(np.mean(found.excess[own])) if own else 1.0
 
 
 def at_bound(found: Fit, name: str) -> bool:

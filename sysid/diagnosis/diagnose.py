@@ -29,6 +29,7 @@ from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSet
 from sysid.errors import InvalidInput, check_kind, items_of
 from sysid.estimation.channels import relied_on
 from sysid.estimation.disturbances import NO_DISTURBANCE
+from sysid.estimation.energy_balance import FRICTIONS
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
@@ -296,14 +297,18 @@ class _Report:
             return None
 
     def _alternatives(self, end: Fit) -> Iterator[Alternative]:
-        """Refinements tried at first with which the log is as likely as with the additions, simpler forms of them."""
-        together = set(self.confirmed.now.names)
+        """Other sets of common frictions with which the log is about as likely; and refinements tried at first with
+        which it is as likely as with the additions, simpler forms of them."""
+        names = self.confirmed.now.names
+        common = tuple(n for n in FRICTIONS if n in names)
+        for other in self.confirmed.as_likely:
+            yield _alternative(other.fit, tuple(n for n in FRICTIONS if n in other.names), common)
         for trial in self.search.trials:
             name = trial.single
-            if name and len(together) > 1 and together in map(set, CATALOGUE[name].refines):
+            if name and len(names) > 1 and set(names) in map(set, CATALOGUE[name].refines):
                 found = settled(trial.fit)
                 if found.deviance - end.deviance < self.search.settings.close_deviance and is_plausible(found, (name,)):
-                    yield Alternative(name, fitted_numbers(found.estimate(), name))
+                    yield _alternative(found, (name,), tuple(a.name for a in self.confirmed.additions))
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """The additions as steps, in their order; effects that pay only together share one fall of the error."""
@@ -390,3 +395,9 @@ class _Report:
                 unit = self.base.model.plant.unit(p.unit)
                 found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": unit}
         return found
+
+
+def _alternative(found: Fit, effects: tuple[str, ...], instead: tuple[str, ...]) -> Alternative:
+    """The alternative of some effects, with their numbers in a fit."""
+    estimate = found.estimate()
+    return Alternative(effects, instead, {name: fitted_numbers(estimate, name) for name in effects})

@@ -186,7 +186,7 @@ class Search:
                 self._try_class(now, name, tried)
         for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
             if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
-                self._try(now, simpler, tried)
+                tried += self.trial(now, simpler)
         self._try_balanced(now, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
@@ -197,7 +197,7 @@ class Search:
         new = tuple(e.name for e in begin)
         if new and all(self.last[name].visible for name in new):
             same = [t for t in tried if set(t.effects) == set(new)]
-            self._try(now, new, same, begin)
+            same += self.trial(now, new, begin)
             best = max(same, key=lambda t: t.merit, default=None)
             tried[:] = [*(t for t in tried if t not in same), *([best] if best else [])]
 
@@ -234,14 +234,16 @@ class Search:
             return []
         found, tried = balanced(helped, now.balance), list[Trial]()
         for name in reversed(names):
-            tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))
+            tried.append(Trial(names, found, gain(found, now, names) - self.price_of(names)))
             if len(names) < 3:
                 break
             names, found = tuple(n for n in names if n != name), reduced(found, name)
         return tried
 
-    def _price(self, name: str) -> float:
-        return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
+    def price_of(self, names: Iterable[str]) -> float:
+        """The decrease of the deviance that effects have to bring together."""
+        shapes = {name: own.shapes for name, own in self.last.items()}
+        return sum(price(name, self.settings.price, shapes.get(name, 1)) for name in names)
 
     def _simulated(self, now: Fit) -> list[Trial]:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
@@ -249,13 +251,13 @@ class Search:
         quiet = now.disturbances.scaled(self.settings.simulated_share)
         simulated = continued(now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
-        best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
+        best = sorted(found.values(), key=lambda s: s.lm - self.price_of([s.name]), reverse=True)
         tried: list[Trial] = []
         for score in best[: self.settings.simulated_trials]:
             begin = [score.best.at(score.sizes)]
-            self._try(now, (score.name,), tried, begin, simulated)
+            tried += self.trial(now, (score.name,), begin, simulated)
             if all(t.effects != (score.name,) or t.merit <= 0.0 for t in tried):
-                self._try(now, (score.name,), tried, begin)  # a fit from the simulation may have lost its way
+                tried += self.trial(now, (score.name,), begin)  # a fit from the simulation may have lost its way
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _composites(self, now: Fit) -> list[Trial]:
@@ -264,7 +266,7 @@ class Search:
         for composite in self.settings.composites:
             new = tuple(n for n in composite if n in self.last and self.last[n].visible)
             if len(new) > 1 and all(set(new) != set(t.effects) for t in tried):
-                self._try(now, new, tried)
+                tried += self.trial(now, new)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
@@ -277,7 +279,7 @@ class Search:
             if any(not at_bound(t.fit, t.effects[0]) for t in same):
                 return
             if all(t.single != chosen for t in same):
-                self._try(now, (chosen,), tried)
+                tried += self.trial(now, (chosen,))
 
     def _same(self, a: Score, b: Score) -> bool:
         return a.name == b.name or collinearity(a, b) > self.settings.same_collinearity
@@ -288,17 +290,16 @@ class Search:
         others = {n: s for n, s in self.first.items() if n != name and s.visible and len(s.sizes) == len(own.sizes)}
         return tuple(n for n, s in others.items() if self._same(s, own))
 
-    def _try(
+    def trial(
         self,
         now: Fit,
         names: tuple[str, ...],
-        tried: list[Trial],
         begin: Sequence[Effect] | None = None,
         near: Fit | None = None,
-    ) -> None:
-        """Fit with these effects, beginning where the fit `near` ended, and append the trial to `tried`. It is no
-        candidate if two effects exclude each other, if the model runs away, or if it cannot use most readings. Effects
-        of the model make place for one that contains them."""
+    ) -> list[Trial]:
+        """The trial of these effects, begun where the fit `near` ended; none if two effects exclude each other, if the
+        model runs away, or if it cannot use most readings. Effects of the model make place for one that contains
+        them."""
         logger.debug(f"fitting {' and '.join(names)}")
         present = (near or now).model.effect_names
         refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in present])}
@@ -310,12 +311,12 @@ class Search:
             start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
             found = extended(begun, start, QUICK)
         except InvalidInput:
-            return
-        merit = gain(found, now, names) - sum(map(self._price, names))
+            return []
+        merit = gain(found, now, names) - self.price_of(names)
         present = found.model.effect_names
-        merit += sum(self._price(e.name) for e in now.model.effects if e.name not in present)
-        if math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings:
-            tried.append(Trial(names, found, merit))
+        merit += self.price_of(e.name for e in now.model.effects if e.name not in present)
+        usable = math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings
+        return [Trial(names, found, merit)] if usable else []
 
     def _start(self, now: Fit, name: str, alone: bool, tested: Mapping[str, Score]) -> Effect:
         """The effect at the size that its score predicts, or at a small size if it is one of several."""
@@ -411,7 +412,7 @@ class Search:
             numbers = {k: float(fitted[k].value) for k in own.parameters if k in fitted}
             if len(numbers) == len(own.parameters):
                 bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
-                self._try(now, (other,), found, [effect(other, **bounded)])
+                found += self.trial(now, (other,), [effect(other, **bounded)])
         return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close_deviance]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:

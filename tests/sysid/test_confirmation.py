@@ -95,6 +95,9 @@ class Scripted(Confirmation):
     def _friction_along(self) -> FrictionAlong | None:
         return None
 
+    def _other_frictions(self) -> Iterator[Explanation]:
+        return iter(())
+
     def _swells(self, *_: Any) -> bool:
         return False
 
