@@ -437,16 +437,18 @@ class Confirmation:
                     self.unconfirmed = [name for name in self.unconfirmed if name not in likelier.names]
                     break
                 self.now = named
-        rest = [own for own in loss if own is not self.now and self._is_as_good(own)]
-        self.as_likely = [own for own in rest if loss[own] - loss[self.now] < self.settings.close_deviance]
+        if not set(FRICTIONS).isdisjoint(self.now.names):
+            rest = [own for own in loss if own is not self.now and self._is_as_good(own)]
+            self.as_likely = [own for own in rest if loss[own] - loss[self.now] < self.settings.close_deviance]
 
     def _other_frictions(self) -> Iterator[Explanation]:
-        """The explanations with other sets of common frictions in place of those that are named. There are none where
-        likelihood has decided, since the model of a driven log needs no random torque."""
+        """The explanations with other sets of common frictions in place of those that are named; and of a free swing,
+        which always loses energy, also if none is named. There are none where likelihood has decided, since the model
+        of a driven log needs no random torque."""
         known = {a.name: a for a in self.additions if a.name in FRICTIONS}
-        if not known or (self.base.samples.driven and self.now.fit.undisturbed):
+        if self.base.samples.driven and (not known or self.now.fit.undisturbed):
             return
-        first = min(map(self.additions.index, known.values()))
+        first = min(map(self.additions.index, known.values()), default=len(self.additions))
         others = [a for a in self.additions if a.name not in known]
         fewer = balanced(self.explanation(others).fit, self.now.fit.balance)
         tested = self.search.tested(fewer)
@@ -467,8 +469,8 @@ class Confirmation:
         return (other.fit.deviance - self.now.fit.deviance) / excess + self.settings.price * more
 
     def _least_size(self, own: Explanation) -> float:
-        """The least squared size of the common frictions of an explanation."""
-        return min(squared_size(own.fit, n) for n in own.names if n in FRICTIONS)
+        """The least squared size of the common frictions of an explanation; 0 if it has none."""
+        return min((squared_size(own.fit, n) for n in own.names if n in FRICTIONS), default=0.0)
 
     def _is_as_good(self, other: Explanation) -> bool:
         """Whether another set of frictions is plausible, with sizes beyond their standard deviations, and predicts

@@ -43,6 +43,13 @@ def test_a_pair_that_explains_more_takes_the_place_of_the_friction_that_was_foun
     assert not set(found.unconfirmed) & set(planted)
 
 
+@pytest.mark.parametrize("planted", ["coulomb", "viscous", "drag"])
+def test_a_free_swing_for_which_no_friction_was_found_has_the_one_that_it_shows(planted: str) -> None:
+    found = confirmed(swing(damped(planted), torque=0.02), "tilt")
+    assert not any(additions for additions, _ in found.search.stages)
+    assert [a.name for a in found.additions] == [planted]
+
+
 def test_frictions_that_a_log_cannot_tell_from_those_named_are_told() -> None:
     """20 s of a swing beside a random torque that is as large as its dry friction."""
     rng, N = np.random.default_rng(1), 1000
