@@ -59,8 +59,10 @@ class Alternative:
 
     @property
     def in_words(self) -> str:
-        """A phrase on what stands in place of what."""
-        return f"{' and '.join(self.effects)} in place of {' and '.join(self.instead)}"
+        """A phrase on what stands in place of what, or beside it."""
+        if set(self.instead) < set(self.effects):
+            return f"perhaps with {' and '.join(name for name in self.effects if name not in self.instead)}"
+        return f"or {' and '.join(self.effects)} in place of {' and '.join(self.instead)}"
 
     @property
     def sentence(self) -> str:
@@ -317,7 +319,7 @@ class Diagnosis:
     def finding(self) -> str:
         """What was found, with its evidence."""
         names = " and ".join(" or ".join([with_numbers(s.effect, s.parameters), *s.rivals]) for s in self.steps)
-        names += "".join(f", or {a.in_words}" for a in self.alternatives)
+        names += "".join(f", {a.in_words}" for a in self.alternatives)
         left = [] if self.remaining is None else [self._left(self.remaining)]
         share = self._share()
         if self.verdict == "adequate":

@@ -9,6 +9,7 @@ import pytest
 
 from sysid import Record, diagnose, effect, simulate
 from sysid.data.splitting import split
+from sysid.diagnosis.answer import Alternative
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.search import Search
 from tests.sysid.planted import logs, rod, truth, with_memory
@@ -70,3 +71,11 @@ def test_frictions_that_a_log_cannot_tell_from_those_named_are_told() -> None:
 def test_a_driven_log_that_is_explained_to_its_noise_has_no_other_frictions() -> None:
     found = diagnose(rod(), logs(truth(effect("coulomb", tau_c=0.1))), SENSOR)
     assert [s.effect for s in found.steps] == ["coulomb"] and not found.alternatives
+
+
+def test_what_may_stand_beside_the_named_frictions_is_told_apart_from_what_may_replace_them() -> None:
+    numbers = {"viscous": {}, "drag": {}, "coulomb": {}}
+    more = Alternative(("viscous", "drag"), ("viscous",), numbers)
+    others = Alternative(("coulomb", "drag"), ("viscous",), numbers)
+    assert more.in_words == "perhaps with drag"
+    assert others.in_words == "or coulomb and drag in place of viscous"
