@@ -506,7 +506,7 @@ class Confirmation:
         if found is None or not (self.now.torque.overwhelms or self._leaves_more(found)):
             return
         if self.now.remaining is not None:
-            self.friction, self.now, self.unconfirmed = found, self.bare, []
+            self.friction, self.now, self.unconfirmed, self.as_likely = found, self.bare, [], []
 
     def _leaves_more(self, found: FrictionAlong) -> bool:
         """Whether the additions leave more torque missing than friction along the motion does.
