@@ -35,8 +35,8 @@ def split(records: Sequence[Record], hold_out: float | None = None) -> tuple[tup
     The held-out rollouts are spread over the log, whose end is often another kind of motion. If there are fewer than
     four (a single long log, say), or the chosen ones are too short, a quarter of the time is held out instead, in one
     to three stretches spread over the log. There are few of them, because a fit loses information with every free
-    initial state. A part behind a cut knows the commands before it (for delays and lags); if sensors have a memory, a
-    lead-in is not scored.
+    initial state. Of rollouts that are too short to be cut, at most half are held out whole. A part behind a cut knows
+    the commands before it (for delays and lags); if sensors have a memory, a lead-in is not scored.
 
     Parameters
     ----------
@@ -85,8 +85,7 @@ def _divided(
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
     long = sum(seconds[k] for k in chosen) >= max(SHORTEST_HELD_OUT, 0.5 * share * total)
     if len(records) >= 4 and len(chosen) >= fewest and long:
-        rest = sorted(set(range(len(records))) - set(chosen))
-        return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
+        return _parted(records, chosen)
     held = min(max(share * total, SHORTEST_HELD_OUT), max(share, 0.5) * total)
     count = int(np.clip(held / (0.5 * SHORTEST_HELD_OUT), 1, MOST_STRETCHES))
     middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, SMALLEST_PART * total)
@@ -96,11 +95,19 @@ def _divided(
         for p in _pieces(r, float(begin), middles, 0.5 * held / count, least, name)
     ]
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
+    if not (training and out) and len(records) > 1:  # the rollouts are too short to be cut
+        training, out = _parted(records, _spread(len(records), min(math.ceil(held / max(seconds)), len(records) // 2)))
     if not training or not out or total < SHORTEST_LOG:
         raise InvalidInput(
             f"{total:.2g} s of log are too short to hold a part out: expected some seconds, at least {SHORTEST_LOG:g}"
         )
     return training, out
+
+
+def _parted(records: Sequence[Record], chosen: Sequence[int]) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """The other rollouts, and the chosen ones."""
+    rest = (k for k in range(len(records)) if k not in chosen)
+    return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
 
 
 def _spread(n: int, count: int) -> list[int]:

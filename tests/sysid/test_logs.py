@@ -476,6 +476,21 @@ def test_a_split_that_leaves_nothing_is_refused(seconds, n, hold_out, message):
         split(rollouts(n, seconds), hold_out)
 
 
+def test_of_rollouts_too_short_to_be_cut_whole_ones_are_held_out():
+    """Stretches of a second in four rollouts of little more leave only pieces that are too short."""
+    records = rollouts(4, 1.16)
+    training, held_out = split(records)
+    assert set(map(id, (*training, *held_out))) == set(map(id, records)) and len(held_out) == 2
+
+
+@pytest.mark.parametrize("n", range(1, 9))
+def test_every_log_of_half_a_second_and_more_is_split(n):
+    for seconds in np.arange(0.06, 3.0, 0.1).tolist():
+        if n * seconds >= 0.5:
+            training, held_out = split(rollouts(n, seconds))
+            assert training and held_out
+
+
 @pytest.mark.parametrize("seconds", (0.7, 1.9))
 def test_of_a_quick_stroke_a_part_is_held_out_too(seconds):
     training, held_out = split(rollouts(1, seconds))
