@@ -151,7 +151,7 @@ class SearchSettings:
     close_deviance: float = 3.0
     balance_deviance: float = 10.0
     remaining_error: float = 0.3
-    largest_noise: float = 10.0
+    largest_noise: float = 5.0
     unseen_error_factor: float = 1.25
     rare_from: float = 1.5
     rare_fall: float = 1.0 - math.sqrt(0.5)

@@ -140,6 +140,15 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     assert found.unconfirmed == [unknown]
 
 
+@pytest.mark.parametrize(("error", "remains"), [(4.0, False), (6.0, True)])
+def test_errors_of_five_times_the_noise_are_none(error: float, remains: bool) -> None:
+    """A noise that was given too small by less needs no random torque, and is no finding."""
+    among: Any = SimpleNamespace(settings=DEFAULT, widened=False)
+    own = Explanation(among, (), cast(Any, SimpleNamespace(undisturbed=True)))
+    vars(own)["fitted_error"] = error
+    assert own.remains is remains
+
+
 @pytest.mark.parametrize(("factor", "stays"), [(0.3, True), (0.9, False)])
 def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(factor: float, stays: bool) -> None:
     fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
