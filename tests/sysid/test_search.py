@@ -167,12 +167,11 @@ def test_what_most_readings_cannot_be_compared_with_is_no_candidate() -> None:
     truth = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.5),), dt=0.01)
     u, sensor = np.random.default_rng(0).uniform(-2.0, 2.0, (12, 25)), Sensor(theta=1e-4)
     records = sensor.measure(simulate(truth, u, np.full(12, math.pi), np.zeros(12)), np.random.default_rng(1))
-    wrong, tried = Model(GeneralJoint(J=0.3, G=1.0), dt=0.01), list[Trial]()
+    wrong = Model(GeneralJoint(J=0.3, G=1.0), dt=0.01)
     now = fit_parameters(Samples(wrong, records, sensor), wrong, ("J",))
     search = Search(records, sensor)
     search.last = scores(now, ("sensor_delay",))
-    search._try(now, ("sensor_delay",), tried, [SensorDelay(T=0.19)])
-    assert not tried
+    assert not search.trial(now, ("sensor_delay",), [SensorDelay(T=0.19)])
 
 
 @pytest.mark.parametrize("wrong", [{"horizon": 0.0}, {"horizon": -1.0}, {"horizon": math.inf}, {"tolerance": 1.0}])
