@@ -351,15 +351,21 @@ class Diagnosis:
         return tuple(doubts)
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on effects that do not matter or are not believed, and on data that no fit has used."""
-        remarks = [own.sentence for own in self.alternatives]
+    def other_effects(self) -> tuple[str, ...]:
+        """Sentences on effects that do as well as those named, that do not matter, or that are not believed."""
+        said = [own.sentence for own in self.alternatives]
         if self.negligible:
             likelier = ", ".join(self.negligible)
-            remarks.append(f"likelier with these, and predictions no better by what matters: {likelier}")
+            said.append(f"likelier with these, and predictions no better by what matters: {likelier}")
         if self.unconfirmed:
             left_out = ", ".join(self.unconfirmed)
-            remarks.append(f"left out, since the held-out data or what remains speak against it: {left_out}")
+            said.append(f"left out, since the held-out data or what remains speak against it: {left_out}")
+        return tuple(said)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on `other_effects`, and on data that no fit has used."""
+        remarks = list(self.other_effects)
         if self.contacts:
             remarks.append(f"no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
         if self.shared_error:

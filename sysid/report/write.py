@@ -90,6 +90,7 @@ def _(answer: Diagnosis) -> Page:
             *_ruled_out(answer),
         ],
         lists={
+            "Other effects": answer.other_effects,
             "What this motion cannot tell apart": [", ".join(group) for group in answer.not_identifiable],
             "What the fit says of itself": [answer.estimate.status, *answer.estimate.ambiguous],
             "The next experiment": str(answer.next_experiment or "").splitlines(),

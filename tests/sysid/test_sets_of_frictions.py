@@ -12,6 +12,7 @@ from sysid.data.splitting import split
 from sysid.diagnosis.answer import Alternative
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.search import Search
+from sysid.report.write import page_of
 from tests.sysid.planted import logs, rod, truth, with_memory
 from tests.sysid.test_energy_balance import JOINT, SENSOR, SIZES, damped, swing
 
@@ -66,6 +67,7 @@ def test_frictions_that_a_log_cannot_tell_from_those_named_are_told() -> None:
         assert abs(size["value"] - SIZES[name]) < 3.0 * size["sd"]
     assert ", or coulomb and drag in place of viscous, explain " in found.finding
     assert any(said.endswith("explain the log as well as viscous") for said in found.remarks)
+    assert other.sentence in page_of(found).lists["Other effects"]
 
 
 def test_a_driven_log_that_is_explained_to_its_noise_has_no_other_frictions() -> None:
