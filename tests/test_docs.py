@@ -138,13 +138,13 @@ def test_counts_of_real_logs_are_those_of_the_rows():
     for kind, part in zip(parts[::2], parts[1::2], strict=True):
         for line in re.findall(r"^\| (?!log \|)(.*) \|$", part, re.M):
             log, _, _, verdict, _ = line.split(" | ")
-            first, _, now = verdict.partition(" → ")
-            assert {first, now or first} <= set(verdicts), line
-            rows.append((kind, "*judged*" in log, first, now or first))
+            first, _, last = verdict.partition(" → ")
+            assert {first, last or first} <= set(verdicts), line
+            rows.append((kind, "*judged*" in log, first, last or first))
     read_first = [(kind, first) for kind, _, first, _ in rows]
     judged = [(kind, first) for kind, marked, first, _ in rows if marked]
-    answered_now = [(kind, now) for kind, *_, now in rows]
-    tables = {"all rows": read_first, "rows marked *judged*": judged, "all rows, as answered now": answered_now}
+    answered_last = [(kind, last) for kind, *_, last in rows]
+    tables = {"all rows": read_first, "rows marked *judged*": judged, "all rows, as answered last": answered_last}
     for title, some in tables.items():
         table = [f"| {title} | rows | {' | '.join(verdicts)} |", "|---|---:|---:|---:|---:|---:|"]
         for kind in (*dict.fromkeys(r[0] for r in rows), "all"):
@@ -157,8 +157,8 @@ def test_counts_of_real_logs_are_those_of_the_rows():
     right, nearly, silent, wrong = map([v for _, v in read_first].count, verdicts)
     told = f"in {right} of them, and but for a small thing in {nearly}; it was `unknown` in {silent}, and a number or"
     assert f"Before {len(rows)} other public logs" in readme and f"{told} an effect was wrong in {wrong}." in readme
-    right, nearly, _, wrong = map([v for _, v in answered_now].count, verdicts)
-    assert f"This version has {right} and {nearly}, and {wrong} wrong." in readme
+    right, nearly, _, wrong = map([v for _, v in answered_last].count, verdicts)
+    assert f"Of the last answers {right} and {nearly} are so, and {wrong} are wrong." in readme
 
 
 def test_readme_is_short():

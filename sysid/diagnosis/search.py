@@ -234,16 +234,15 @@ class Search:
             return []
         found, tried = balanced(helped, now.balance), list[Trial]()
         for name in reversed(names):
-            tried.append(Trial(names, found, gain(found, now, names) - self.price_of(names)))
+            tried.append(Trial(names, found, gain(found, now, names) - self._price(names)))
             if len(names) < 3:
                 break
             names, found = tuple(n for n in names if n != name), reduced(found, name)
         return tried
 
-    def price_of(self, names: Iterable[str]) -> float:
+    def _price(self, names: Iterable[str]) -> float:
         """The decrease of the deviance that effects have to bring together."""
-        shapes = {name: own.shapes for name, own in self.last.items()}
-        return sum(price(name, self.settings.price, shapes.get(name, 1)) for name in names)
+        return sum(price(n, self.settings.price, self.last[n].shapes if n in self.last else 1) for n in names)
 
     def _simulated(self, now: Fit) -> list[Trial]:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
@@ -251,7 +250,7 @@ class Search:
         quiet = now.disturbances.scaled(self.settings.simulated_share)
         simulated = continued(now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
-        best = sorted(found.values(), key=lambda s: s.lm - self.price_of([s.name]), reverse=True)
+        best = sorted(found.values(), key=lambda s: s.lm - self._price([s.name]), reverse=True)
         tried: list[Trial] = []
         for score in best[: self.settings.simulated_trials]:
             begin = [score.best.at(score.sizes)]
@@ -312,9 +311,9 @@ class Search:
             found = extended(begun, start, QUICK)
         except InvalidInput:
             return []
-        merit = gain(found, now, names) - self.price_of(names)
+        merit = gain(found, now, names) - self._price(names)
         present = found.model.effect_names
-        merit += self.price_of(e.name for e in now.model.effects if e.name not in present)
+        merit += self._price(e.name for e in now.model.effects if e.name not in present)
         usable = math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings
         return [Trial(names, found, merit)] if usable else []
 
