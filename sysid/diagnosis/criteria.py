@@ -15,6 +15,9 @@ from sysid.estimation.prediction_error import Fit, inverse
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
+NEGLIGIBLE_RISE = 1e-3
+"""A rise of the held-out error by less than this share is not printed, and counts as none."""
+
 
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine can have these effects with their fitted numbers, and the readings can show them."""
@@ -146,3 +149,15 @@ def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
     return math.isfinite(size) and size > max(settings.noise_share, share * excess)
+
+
+def is_lowered(error: float, without: float, tolerance: float) -> bool:
+    """Whether an `error`, in units of the noise, is lower than the error `without` something by a share `tolerance`.
+
+    error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1);  where `without` is within the noise, error <= without. A
+    negligible rise is allowed in both cases.
+    """
+    if not math.isfinite(error):
+        return False
+    excess = (1.0 - tolerance) ** 2 * max(without**2 - 1.0, 0.0)
+    return error**2 <= (excess + min(without**2, 1.0)) * (1.0 + NEGLIGIBLE_RISE) ** 2

@@ -21,6 +21,7 @@ from sysid.diagnosis.answer import Alternative, Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.contacts import Contact, find_contacts, without_contacts
 from sysid.diagnosis.criteria import is_plausible
+from sysid.diagnosis.explanation import Evidence
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
@@ -134,7 +135,7 @@ def diagnose(
     end = search.end(base)
     widened = widened_sensor(end, settings.ahead)
     held_out, more = _untouched(end, held_out, widened, settings.ahead)
-    confirmed = Confirmation(search, base, held_out, (*contacts, *more), widened)
+    confirmed = Confirmation(Evidence(search, base, held_out, (*contacts, *more), widened))
     return _Report(confirmed, records, notes).diagnosis(began)
 
 
@@ -241,7 +242,8 @@ class _Report:
     """Makes the Diagnosis from a search and its confirmation."""
 
     def __init__(self, confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...]) -> None:
-        self.confirmed, self.search, self.base = confirmed, confirmed.search, confirmed.base
+        self.confirmed, self.evidence = confirmed, confirmed.evidence
+        self.search, self.base = self.evidence.search, self.evidence.base
         self.records, self.notes = records, notes
 
     def diagnosis(self, began: float) -> Diagnosis:
@@ -258,7 +260,7 @@ class _Report:
         return Diagnosis(
             verdict=verdict,
             base=self.base.estimate(),
-            base_error=self.confirmed.bare.error,
+            base_error=self.evidence.bare.error,
             error=now.error,
             steps=machine,
             conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
@@ -266,14 +268,14 @@ class _Report:
             remaining=now.remaining,
             not_identifiable=self._not_identifiable(end),
             ruled_out=self._ruled_out(),
-            sensor=self.confirmed.sensor,
+            sensor=self.evidence.sensor,
             records=self.records,
-            unseen=tuple(self.confirmed.held_out),
+            unseen=tuple(self.evidence.held_out),
             notes=self.notes,
             friction=self.confirmed.friction,
             alternatives=tuple(self._alternatives(end)),
             estimate=end.estimate(),
-            contacts=self.confirmed.contacts,
+            contacts=self.evidence.contacts,
             next_experiment=self._experiment(machine, end),
             seconds=time.perf_counter() - began,
             torque=now.torque,
@@ -350,9 +352,9 @@ class _Report:
                 (name, *self.search.inseparable(name)),
                 merit[name],
                 self._p_value(name),
-                error_after=self.confirmed.error(fits[name]).ratio if name in fits else None,
+                error_after=self.evidence.error(fits[name]).ratio if name in fits else None,
                 fit=fits.get(name),
-                needed=self.confirmed.needed,
+                needed=self.evidence.needed,
                 missing=missing,
             )
             for name in order

@@ -19,7 +19,10 @@ from hypothesis import strategies as st
 from sysid.data.sensor import Sensor
 from sysid.diagnosis import confirmation
 from sysid.diagnosis.answer import MissingTorque, Remaining
-from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, Explanation
+from sysid.diagnosis.confirmation import Confirmation
+from sysid.diagnosis.criteria import NEGLIGIBLE_RISE
+from sysid.diagnosis.explanation import Evidence, Explanation
+from sysid.diagnosis.friction_sets import FrictionSets
 from sysid.diagnosis.search import Addition
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.estimation.torque_regression import FrictionAlong
@@ -44,15 +47,27 @@ class Named(tuple[str, ...]):
 class Told(Explanation):
     """An explanation of a script: its error is given, and something remains."""
 
-    among: Scripted
+    evidence: ScriptedEvidence
 
     @property
     def error(self) -> Any:
-        return SimpleNamespace(ratio=self.among.ratios[self.names])
+        return SimpleNamespace(ratio=self.evidence.ratios[self.names])
 
     torque: Any = _torque(1.0)
     remains: Any = True
     fails_elsewhere: Any = False
+
+
+class ScriptedEvidence(Evidence):
+    """The evidence of a script: the error of every set of additions."""
+
+    ratios: dict[tuple[str, ...], float]
+    held_out_balance: Any = None
+    friction_along: Any = None
+
+    @property
+    def bare(self) -> Any:
+        return Told(self, (), cast(Any, Named()))
 
 
 class Scripted(Confirmation):
@@ -78,25 +93,23 @@ class Scripted(Confirmation):
             made[n] for a in own for n in (new if a is refined else [a.name])
         ]
         search: Any = SimpleNamespace(**parts)
-        super().__init__(search, cast(Any, Named()), (), (), sensor)
+        evidence = ScriptedEvidence(search, cast(Any, Named()), (), (), sensor)
+        evidence.ratios = ratios
+        super().__init__(evidence)
 
     def explanation(self, additions: Sequence[Addition]) -> Explanation:
         return self._weigh(additions, cast(Any, None))
 
     def _weigh(self, additions: Sequence[Addition], fit: Any) -> Explanation:
-        found = Told(self, tuple(additions), fit)
+        found = Told(self.evidence, tuple(additions), fit)
         found.fit = cast(Any, Named(found.names))
         return found
 
-    held_out_balance: Any = None
     simpler: tuple[str, ...] = ()
     """A refinement, and what comes in its place."""
 
-    def _friction_along(self) -> FrictionAlong | None:
-        return None
-
-    def _other_frictions(self) -> Iterator[Explanation]:
-        return iter(())
+    def _other_frictions(self, sets: FrictionSets) -> list[Explanation]:
+        return []
 
     def _swells(self, *_: Any) -> bool:
         return False
@@ -285,7 +298,7 @@ def test_a_friction_that_the_losses_of_held_out_swings_confirm_may_raise_the_err
         patch.setattr(Named, "model", property(lambda self: self))
         patch.setattr(Named, "effects", (), raising=False)
         patch.setattr(Told, "torque", property(lambda own: _torque(1.0 + ("coulomb" in own.names))))
-        patch.setattr(Scripted, "held_out_balance", held_out)
+        patch.setattr(ScriptedEvidence, "held_out_balance", held_out)
         found = Scripted(errors, frozenset())
     assert found.now.names == (("coulomb",) if confirmed else ())
 
@@ -375,7 +388,7 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
     """A torque of 1 is missing, and friction leaves a twentieth of the drive's squares."""
     friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), inertia, 0.95)
     with scripted() as patch:
-        patch.setattr(Scripted, "_friction_along", lambda *_: friction if along else None)
+        patch.setattr(ScriptedEvidence, "friction_along", friction if along else None)
         patch.setattr(Scripted, "_compare_frictions", lambda own: own.as_likely.append(own.bare))
         patch.setattr(Told, "torque", _torque(1.0, drive))
         patch.setattr(Told, "remaining", Remaining(0.5, (), ""))

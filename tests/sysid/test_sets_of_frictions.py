@@ -11,6 +11,7 @@ from sysid import Record, diagnose, effect, simulate
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import Alternative
 from sysid.diagnosis.confirmation import Confirmation
+from sysid.diagnosis.explanation import Evidence
 from sysid.diagnosis.search import Search
 from sysid.report.write import page_of
 from tests.sysid.planted import logs, rod, truth, with_memory
@@ -24,7 +25,7 @@ def confirmed(record: Record, *first: str) -> Confirmation:
     base, _ = search.run(JOINT, ("G",))
     search.effects = None
     search.first = search.tested(base)
-    return Confirmation(search, base, held_out, (), SENSOR)
+    return Confirmation(Evidence(search, base, held_out, (), SENSOR))
 
 
 @pytest.mark.parametrize(
@@ -36,7 +37,7 @@ def test_a_pair_that_explains_more_takes_the_place_of_the_friction_that_was_foun
 ) -> None:
     """The scale of the angle is uneven by 10 mrad, which a random torque stands for."""
     found = confirmed(swing(damped(*planted), scale=0.01), first)
-    assert first in {a.name for additions, _ in found.search.stages for a in additions}
+    assert first in {a.name for additions, _ in found.evidence.search.stages for a in additions}
     assert {a.name for a in found.additions} == set(planted)
     values, sd = found.now.fit.estimate().values, found.now.fit.estimate().sd
     for name, size in values.items():
@@ -48,7 +49,7 @@ def test_a_pair_that_explains_more_takes_the_place_of_the_friction_that_was_foun
 @pytest.mark.parametrize("planted", ["coulomb", "viscous", "drag"])
 def test_a_free_swing_for_which_no_friction_was_found_has_the_one_that_it_shows(planted: str) -> None:
     found = confirmed(swing(damped(planted), torque=0.02), "tilt")
-    assert not any(additions for additions, _ in found.search.stages)
+    assert not any(additions for additions, _ in found.evidence.search.stages)
     assert [a.name for a in found.additions] == [planted]
 
 

@@ -1,0 +1,172 @@
+"""Explanation: a set of additions with its fit, what that predicts, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.diagnosis.answer import MissingTorque, Remaining
+from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.dependence import dependence
+from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
+from sysid.diagnosis.search import Addition, Search
+from sysid.diagnosis.search_settings import SearchSettings
+from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
+from sysid.estimation.energy_balance import EnergyBalance
+from sysid.estimation.held_out import HeldOutError, held_out_error
+from sysid.estimation.linearisation import Samples
+from sysid.estimation.prediction import fitted_error
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.torque_regression import FrictionAlong, friction_along
+from sysid.physics.ops import Array
+
+
+@dataclass(eq=False)
+class Evidence:
+    """What all explanations of a log are judged by.
+
+    search    the search that found the additions
+    base      fit of the model as it came
+    held_out  records that no fit has seen
+    contacts  stretches that a hand may have touched; if there are any, what remains depends on time
+    sensor    the noise in whose units errors are given (`widened_sensor`)
+    """
+
+    search: Search
+    base: Fit
+    held_out: Sequence[Record]
+    contacts: tuple[Contact, ...]
+    sensor: Sensor
+
+    @property
+    def settings(self) -> SearchSettings:
+        """What counts as evidence, and what matters."""
+        return self.search.settings
+
+    @property
+    def widened(self) -> bool:
+        """Whether an error that neighbouring readings share counts as the sensor's."""
+        return self.sensor != self.search.sensor
+
+    @cached_property
+    def needed(self) -> Disturbances:
+        """The random torque that the model as it came needs; all models are compared under it."""
+        shared = self.search.end(self.base).likeliest_torque if self.widened else NO_DISTURBANCE
+        return needed_disturbances(self.base, shared)
+
+    @cached_property
+    def bare(self) -> Explanation:
+        """The explanation without additions."""
+        return Explanation(self, (), self.base)
+
+    @cached_property
+    def held_out_balance(self) -> EnergyBalance | None:
+        """The energy balance of held-out free swings; None if they are too few."""
+        end = self.search.end(self.base).model
+        return EnergyBalance.of(Samples(end, tuple(self.held_out), self.search.sensor), end)
+
+    @cached_property
+    def friction_along(self) -> FrictionAlong | None:
+        """Friction and load in the drive's torque along the motion, if they show."""
+        search = self.search
+        return friction_along(self.base.model, self.base.names, search.records, self.held_out, search.sensor)
+
+    def error(self, fit: Fit) -> HeldOutError:
+        """The error of a fitted model on the records that no fit has seen."""
+        return held_out_error(fit.model, self.held_out, self.sensor, self.settings.ahead)
+
+
+@dataclass(eq=False)
+class Explanation:
+    """A set of additions, the fit with these alone, and what that leaves unexplained.
+
+    evidence   what it is judged by
+    additions  those of the search, in the order in which they came
+    fit        of the model as it came with these
+    """
+
+    evidence: Evidence
+    additions: tuple[Addition, ...]
+    fit: Fit
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sorted names of the additions."""
+        return tuple(sorted(a.name for a in self.additions))
+
+    @cached_property
+    def error(self) -> HeldOutError:
+        """The error on the records that no fit has seen."""
+        return self.evidence.error(self.fit)
+
+    @cached_property
+    def fitted_error(self) -> float:
+        """The error of predictions of the fitted samples, in units of the noise."""
+        return fitted_error(self.fit, self.evidence.settings.ahead, self.evidence.sensor)
+
+    @cached_property
+    def missing(self) -> Array:
+        """The missing torque (M,) [N m] over time, smoothed under the random torque that is `needed`."""
+        return missing_torque(self.fit, self.evidence.needed)
+
+    @cached_property
+    def torque(self) -> MissingTorque:
+        """The size of the missing torque, before the additions and with them."""
+        drive = float(np.sqrt(np.mean(self.fit.linearised.drive_torques[self.fit.samples.follows] ** 2)))
+        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(e.missing**2))) for e in (self.evidence.bare, self)))
+
+    @property
+    def remains(self) -> bool:
+        """Whether fitted samples are predicted with errors beyond the noise, and a random torque is needed or the
+        errors are larger than any noise could be."""
+        settings = self.evidence.settings
+        # a shared error is known roughly
+        limit = settings.unseen_error_factor if self.evidence.widened else math.sqrt(1.0 + settings.remaining_error**2)
+        beyond = not self.fitted_error < limit
+        return beyond and not (self.fit.undisturbed and self.fitted_error < settings.largest_noise)
+
+    @property
+    def fails_elsewhere(self) -> bool:
+        """Whether held-out data are predicted much worse than the noise, and than the fitted samples."""
+        limit = self.evidence.settings.unseen_error_factor * max(self.fitted_error, 1.0)
+        return self.error.beyond_noise and not self.error.ratio < limit
+
+    @cached_property
+    def remaining(self) -> Remaining | None:
+        """What matters and is not explained, if predictions err beyond the noise on fitted or on held-out samples."""
+        share, after = max(0.0, 1.0 - 1.0 / max(self.error.ratio, 1e-9) ** 2), self.torque.after
+        contacts = self.evidence.contacts
+        if not contacts and not self.remains:
+            return Remaining(share, (), "", after, unseen=True) if self.fails_elsewhere else None
+        found = dependence(self.fit, self.missing)
+        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if contacts else found.depends_on
+        return Remaining(share, depends_on, found.where, after)
+
+    def missing_over(self, quantity: str, alone: bool) -> float:
+        """The mean square [N^2 m^2] of the missing torque if that is a function of the quantity `alone`, else of the
+        part of it that the quantity predicts."""
+        share = 1.0 if alone else dependence(self.fit, self.missing).shares.get(quantity, 0.0)
+        return share * float(np.nanmean(self.missing**2))
+
+    def leaves_more_than(self, found: FrictionAlong) -> bool:
+        """Whether the additions leave more torque missing than friction along the motion does.
+
+        If an inertia shows in the torque, that has to be more by `farther_factor`, and predictions have to err beyond
+        the noise. And the additions have to be wrong: there are none, or they lack the dry friction that shows, or the
+        inertia beside them is another (`inertia_factor`).
+        """
+        settings = self.evidence.settings
+        more = self.torque.after / max(math.sqrt(1.0 - found.share) * self.torque.drive, 1e-300)
+        if not found.shows_inertia:
+            return more > 1.0
+        if more <= settings.farther_factor or self.error.ratio < 1.0:
+            return False
+        another = found.contradicts(self.fit.inertia, settings.inertia_factor)
+        lacking = found.shows_dry_friction and not any(e.is_dry for e in self.fit.model.effects)
+        return another or lacking or not self.additions
