@@ -123,7 +123,7 @@ def add(
 def _sensor_of(estimate: Estimate, added: Effect, records: Sequence[Record]) -> Sensor | None:
     """The estimate's sensor; for an effect of a sensor with all channels, of which the estimate left out what it could
     not explain."""
-    own = estimate.sensor
-    if own is None or not isinstance(added, OutputEffect):
-        return own
-    return replace(sensor_noise(records).sensor, **{c: sd for c in UNITS if (sd := getattr(own, c)) is not None})
+    sensor = estimate.sensor
+    if sensor is None or not isinstance(added, OutputEffect):
+        return sensor
+    return replace(sensor_noise(records).sensor, **{c: sd for c in UNITS if (sd := getattr(sensor, c)) is not None})

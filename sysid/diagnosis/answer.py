@@ -353,7 +353,7 @@ class Diagnosis:
     @property
     def other_effects(self) -> tuple[str, ...]:
         """Sentences on effects that do as well as those named, that do not matter, or that are not believed."""
-        said = [own.sentence for own in self.alternatives]
+        said = [a.sentence for a in self.alternatives]
         if self.negligible:
             likelier = ", ".join(self.negligible)
             said.append(f"likelier with these, and predictions no better by what matters: {likelier}")
@@ -420,11 +420,11 @@ class Diagnosis:
             ("friction that falls with speed by" if falls else "viscous friction of", abs(b), b_sd, slope),
             ("a constant load of", *friction.load, torque),
         )
-        told = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
+        parts = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
         if friction.tells_inertia:
             J, J_sd = friction.inertia
-            told.append(f"an inertia of {J:.3g} +- {J_sd:.2g} {plant.unit('kg m^2')}")
-        *some, last = told
+            parts.append(f"an inertia of {J:.3g} +- {J_sd:.2g} {plant.unit('kg m^2')}")
+        *some, last = parts
         sure, explain = (f"{', '.join(some)} and {last}", "explain") if some else (last, "explains")
         return (
             f"along the motion {sure} {explain} {friction.share:.0%} of how the drive's "
@@ -445,16 +445,16 @@ class Diagnosis:
         gone = [name for name in self.base.model.effect_names if name not in self.model.effect_names]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
-            place = "".join(f" in place of {own}" for own in gone if own in CATALOGUE[step.effect].contains)
+            place = "".join(f" in place of {name}" for name in gone if name in CATALOGUE[step.effect].contains)
             others = ", ".join(step.indistinguishable[1:])
             apart = f"; this log cannot tell it from {others}" if others else ""
             effect = with_numbers(step.effect, step.parameters)
             lines.append(f"  + {effect}{place}: {fell}, {chance(step.p_value)}{apart}")
         added = {step.effect for step in (*self.conventions, *self.steps)}
         given = [name for name in self.estimate.model.effect_names if name not in added]
-        begun = [(name, own) for name in ("", *given) if (own := fitted_numbers(self.estimate, name))]
+        begun = [(name, numbers) for name in ("", *given) if (numbers := fitted_numbers(self.estimate, name))]
         if begun:
-            parts = (with_numbers(name, own) if name else numbers_in_words(own) for name, own in begun)
+            parts = (with_numbers(name, numbers) if name else numbers_in_words(numbers) for name, numbers in begun)
             lines.append(f"  with {', '.join(parts)}")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)

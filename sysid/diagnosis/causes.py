@@ -78,57 +78,57 @@ class PlantNumbers(JointEffect):
         return self.share_of_gravity * joint.gravity
 
 
-def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause, ...]:
+def causes(fit: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause, ...]:
     """The effects that explain most of a model's error, chosen one after the other, the strongest first.
 
     Each is fitted beside the causes before it, and beside the parameters that an identifier had fitted: a missing
     effect bends these, and what they can absorb is no evidence for an effect.
 
-    found   a fit of the random torque alone, with the model's numbers as they are
+    fit     a fit of the random torque alone, with the model's numbers as they are
     names   the parameters that an identifier had fitted
     error   of the model over 1 s on the same records
     """
     excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[Cause]()
     plant: tuple[Cause, ...] = ()
     if names:
-        found = fit_parameters(found.samples, found.model, names, found, settings=QUICK)
-        before = min(_error(found, error), error.ratio)
+        fit = fit_parameters(fit.samples, fit.model, names, fit, settings=QUICK)
+        before = min(_error(fit, error), error.ratio)
         share = (error.ratio**2 - before**2) / excess
-        plant = (_other_numbers(found, share),) if share > LARGE_SHARE else ()
+        plant = (_other_numbers(fit, share),) if share > LARGE_SHARE else ()
     while len(chosen) < MOST_CAUSES:
-        best = _best(found)
+        best = _best(fit)
         if best is None:
             break
-        effect, indistinguishable, found = best
-        after = _error(found, error)
+        effect, indistinguishable, fit = best
+        after = _error(fit, error)
         share = (before**2 - after**2) / excess
         if not share > (LEAST_EXPLAINED if chosen else 0.0):
             break
         chosen.append(Cause(effect, indistinguishable, {}, min(share, 1.0), ""))
-        before, end = after, found
+        before, end = after, fit
     return (*plant, *_sized(chosen, end.estimate())) if chosen else plant
 
 
-def _error(found: Fit, error: HeldOutError) -> float:
-    return held_out_error(found.model, found.samples.records, found.samples.sensor, error.window).ratio
+def _error(fit: Fit, error: HeldOutError) -> float:
+    return held_out_error(fit.model, fit.samples.records, fit.samples.sensor, error.window).ratio
 
 
-def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
+def _best(fit: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     """The effect that pays most, those that the log cannot tell from it, and the fit with it; None if none pays."""
-    tested = scores(found)
+    tested = scores(fit)
     promise = {n: s.merit(PRICE) for n, s in tested.items() if s.visible}
-    likely = sorted((n for n, own in promise.items() if own > 0.0), key=lambda n: -promise[n])[:FITTED_EACH_ROUND]
+    likely = sorted((n for n, merit in promise.items() if merit > 0.0), key=lambda n: -promise[n])[:FITTED_EACH_ROUND]
     begun: list[Effect] = [tested[n].best.at(tested[n].sizes) for n in likely]
-    free = {found.model.parameters[n].owner for n in found.names}
+    free = {fit.model.parameters[n].owner for n in fit.names}
     if not free & {"", PlantNumbers.name}:
-        begun.append(PlantNumbers(J=found.inertia))
+        begun.append(PlantNumbers(J=fit.inertia))
     paid, fits = dict[str, float](), dict[str, Fit]()
-    for own in begun:
+    for effect in begun:
         try:
-            fits[own.name] = extended(found, [own], QUICK)
+            fits[effect.name] = extended(fit, [effect], QUICK)
         except InvalidInput:  # it excludes another, or the model runs away with it
             continue
-        paid[own.name] = found.deviance - fits[own.name].deviance - price(own, PRICE)
+        paid[effect.name] = fit.deviance - fits[effect.name].deviance - price(effect, PRICE)
     name = max(paid, key=paid.__getitem__, default="")
     if not name or not paid[name] > 0.0:
         return None
@@ -138,20 +138,20 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     return name, tuple(n for n in others if collinearity(tested[n], tested[name]) > least), fits[name]
 
 
-def _other_numbers(found: Fit, share: float) -> Cause:
+def _other_numbers(fit: Fit, share: float) -> Cause:
     """The cause "plant": the model's own numbers are others in these records."""
-    own = fitted_numbers(found.estimate())
-    description = f"the model's own numbers are others here ({numbers_in_words(own)})"
-    return Cause(PlantNumbers.name, (), own, min(share, 1.0), description)
+    numbers = fitted_numbers(fit.estimate())
+    description = f"the model's own numbers are others here ({numbers_in_words(numbers)})"
+    return Cause(PlantNumbers.name, (), numbers, min(share, 1.0), description)
 
 
 def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
     """The chosen causes, with the sizes that they have in the last fit, beside each other."""
-    for own in chosen:
-        numbers = fitted_numbers(estimate, own.effect)
-        is_plant = own.effect == PlantNumbers.name
-        description = _plant(numbers, estimate.model.plant) if is_plant else _description(own, numbers)
-        yield replace(own, numbers=numbers, description=description)
+    for cause in chosen:
+        numbers = fitted_numbers(estimate, cause.effect)
+        is_plant = cause.effect == PlantNumbers.name
+        description = _plant(numbers, estimate.model.plant) if is_plant else _description(cause, numbers)
+        yield replace(cause, numbers=numbers, description=description)
 
 
 # words -----------------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def _sized(chosen: Sequence[Cause], estimate: Estimate) -> Iterator[Cause]:
 
 def _description(chosen: Cause, numbers: Mapping[str, Mapping[str, Any]]) -> str:
     what = CATALOGUE[chosen.effect].label
-    sizes = {name.rpartition(".")[2]: _size(own["value"], own["unit"]) for name, own in numbers.items()}
+    sizes = {name.rpartition(".")[2]: _size(number["value"], number["unit"]) for name, number in numbers.items()}
     if len(sizes) == 1:
         said = f"{what} of about {sizes.popitem()[1]}"
     else:

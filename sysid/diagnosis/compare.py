@@ -108,15 +108,15 @@ class Comparison:
         size = f"The model's error is {multiple(self.ratio)} times the sensor noise over 1 s"
         if self.adequate:
             return f"{size}: nothing is missing that these records show."
-        found = [c.description for c in self.causes]
+        described = [c.description for c in self.causes]
         left = 1.0 - sum(c.share for c in self.causes)
-        if found and self.off and left > LARGE_SHARE:
-            found.append(f"{left:.0%} of the squared error is something else")
+        if described and self.off and left > LARGE_SHARE:
+            described.append(f"{left:.0%} of the squared error is something else")
         torque = [str(self.torque)] if self.torque is not None and self.torque.present else []
-        said = f"{size}: {'; '.join(found)}" if found else size
-        if self.off and not found and not torque:
+        said = f"{size}: {'; '.join(described)}" if described else size
+        if self.off and not described and not torque:
             said += f"; it is worst in {place_of_window(self.one_second.worst[0])}"
-        return " ".join([f"{said}.", *(torque or (() if found else self.surprises))])
+        return " ".join([f"{said}.", *(torque or (() if described else self.surprises))])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -195,8 +195,8 @@ def _compared(
     lead = lead_of(model)
     fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
     near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
-    one_second, found = error_of(fit, 1.0), _followed(model, records, sensor)
-    torque = None if found is None else torque_of(found)
+    one_second, followed_fit = error_of(fit, 1.0), _followed(model, records, sensor)
+    torque = None if followed_fit is None else torque_of(followed_fit)
     return Comparison(
         errors={
             "one step": held_out_error(model, records, sensor, shortest(sensor) * model.dt, near),
@@ -205,8 +205,8 @@ def _compared(
             "whole rollout": held_out_error(model, records, sensor, math.inf, fit),
         },
         torque=torque,
-        whiteness={} if found is None else whiteness(found),
-        causes=_causes(found, torque, names, one_second),
+        whiteness={} if followed_fit is None else whiteness(followed_fit),
+        causes=_causes(followed_fit, torque, names, one_second),
         worst=tuple(predicted(fit, [one_second.windows.index(w)], w.ratio) for w in one_second.worst),
         records=tuple(records),
         notes=notes,
@@ -224,18 +224,18 @@ def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | 
 
 
 def _causes(
-    found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
+    fit: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
 ) -> tuple[Cause, ...]:
     """The known effects that explain the error, found without the contacts."""
-    if found is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
+    if fit is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
         return ()
     if torque.contacts:
-        rest = without_contacts(found.samples.records, torque.contacts)
+        rest = without_contacts(fit.samples.records, torque.contacts)
         if not rest:
             return ()
-        found = followed(Samples(found.model, rest, found.samples.sensor), found.model)
-        error = held_out_error(found.model, rest, found.samples.sensor)
-    return causes(found, names, error)
+        fit = followed(Samples(fit.model, rest, fit.samples.sensor), fit.model)
+        error = held_out_error(fit.model, rest, fit.samples.sensor)
+    return causes(fit, names, error)
 
 
 def shortest(sensor: Sensor) -> int:

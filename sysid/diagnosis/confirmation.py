@@ -85,13 +85,13 @@ class Confirmation:
         fit = self.now.fit
         for addition in self.now.additions:
             if addition.name not in names:
-                fit = self.search.without(fit, addition, [own for own in addition.replaced if own.name in names])
+                fit = self.search.without(fit, addition, [a for a in addition.replaced if a.name in names])
         return self._weigh(additions, fit)
 
     def _weigh(self, additions: Sequence[Addition], fit: Fit) -> Explanation:
-        found = Explanation(self.evidence, tuple(additions), fit)
-        self.weighed[found.names] = found
-        return found
+        explanation = Explanation(self.evidence, tuple(additions), fit)
+        self.weighed[explanation.names] = explanation
+        return explanation
 
     def _without(self, left: Addition, present: Explanation | None = None) -> Explanation:
         """The explanation without one of the additions; what that had replaced is there again."""
@@ -110,7 +110,7 @@ class Confirmation:
         self._drop_needless()
         self._return_to_earlier(chosen.difference(self.now.names))
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
-        refined = {name for own in self.now.names for simpler in CATALOGUE[own].refines for name in simpler}
+        refined = {name for kept in self.now.names for simpler in CATALOGUE[kept].refines for name in simpler}
         self.unconfirmed = [name for name in tried if name not in self.now.names and name not in refined]
 
     def _simplify(self) -> None:
@@ -171,12 +171,12 @@ class Confirmation:
         """
         zeros = [a for a in self.additions if CATALOGUE[a.name].moves_rest]
         fewer = {left: self._without(left) for left in zeros if len(zeros) > 1}
-        found = [
+        making_up = [
             left
-            for left, own in fewer.items()
-            if any(self._swells(a.name, own.fit, self.now.fit) for a in zeros if a is not left)
+            for left, without in fewer.items()
+            if any(self._swells(a.name, without.fit, self.now.fit) for a in zeros if a is not left)
         ]
-        return min(found, key=lambda left: fewer[left].error.ratio, default=None)
+        return min(making_up, key=lambda left: fewer[left].error.ratio, default=None)
 
     def _is_sound(self, left: Addition) -> bool:
         """Whether the other additions are plausible without one more; and, if that is a common one, the rare ones among
@@ -203,7 +203,7 @@ class Confirmation:
     def _swells(self, name: str, before: Fit, after: Fit) -> bool:
         """Whether a number of an effect is larger by `swollen_factor` in the fit `after`, or has another sign."""
         for number in after.model.names_of(name):
-            was, now = (float(own.model.parameters[number].value) for own in (before, after))
+            was, now = (float(fit.model.parameters[number].value) for fit in (before, after))
             if was * now < 0.0 or abs(now) > self.settings.swollen_factor * abs(was):
                 return True
         return False
@@ -297,7 +297,7 @@ class Confirmation:
         if not imitates or is_zero or remaining is None or imitates not in remaining.depends_on:
             return False
         alone = remaining.depends_on == (imitates,)
-        after, before = (own.missing_over(imitates, alone) for own in (self.now, fewer))
+        after, before = (e.missing_over(imitates, alone) for e in (self.now, fewer))
         bent = self.now.fit.at_bounds - self.evidence.base.at_bounds
         return bool(bent) or after > (1.0 - self.settings.explained_share) * before
 
@@ -309,9 +309,9 @@ class Confirmation:
         """
         named, sets = self.now, FrictionSets(self.now)
         others = self._other_frictions(sets)
-        loss = {own: sets.loss(own) for own in ((named, *others) if others else ())}
-        sure = (own for own in loss if least_size(own) > self.settings.sure_size)
-        for likelier in sorted((own for own in sure if loss[own] < 0.0), key=loss.__getitem__):
+        loss = {e: sets.loss(e) for e in ((named, *others) if others else ())}
+        sure = (e for e in loss if least_size(e) > self.settings.sure_size)
+        for likelier in sorted((e for e in sure if loss[e] < 0.0), key=loss.__getitem__):
             if is_plausible(likelier.fit, likelier.names) and not self._raises_error(likelier, named):
                 self.now = likelier
                 self._drop_needless()
@@ -320,8 +320,8 @@ class Confirmation:
                     break
                 self.now = named
         if not set(FRICTIONS).isdisjoint(self.now.names):
-            rest = [own for own in loss if own is not self.now and is_as_good(own, self.now)]
-            self.as_likely = [own for own in rest if loss[own] - loss[self.now] < self.settings.close_deviance]
+            rest = [e for e in loss if e is not self.now and is_as_good(e, self.now)]
+            self.as_likely = [e for e in rest if loss[e] - loss[self.now] < self.settings.close_deviance]
 
     def _other_frictions(self, sets: FrictionSets) -> list[Explanation]:
         if not sets.comparable:
@@ -337,11 +337,11 @@ class Confirmation:
             related = {name, *CATALOGUE[name].contains}.intersection(self.now.names)
             if related or name in contained_in(end.model.effects) or not self.now.fails_elsewhere or self.now.remains:
                 continue
-            found = scores(end, (name,)).get(name)
-            if found is None or not found.visible:
+            score = scores(end, (name,)).get(name)
+            if score is None or not score.visible:
                 continue
-            fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
-            p = p_value(end.deviance - fit.deviance, found.numbers)
+            fit = settled(extended(end, [score.best.at(score.sizes)], QUICK))
+            p = p_value(end.deviance - fit.deviance, score.numbers)
             more = self._weigh((*self.additions, Addition(name, self.search.inseparable(name), (), p)), fit)
             sound = is_plausible(fit, (name,)) and not is_undetermined(fit, name)
             if sound and more.error.ratio < self.now.error.ratio * (1.0 - self.settings.tolerance):
@@ -353,8 +353,8 @@ class Confirmation:
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
         missing than the drive has, or too much beside what friction and load leave (`leaves_more_than`).
         """
-        found = self.evidence.friction_along
-        if found is None or not (self.now.torque.overwhelms or self.now.leaves_more_than(found)):
+        along = self.evidence.friction_along
+        if along is None or not (self.now.torque.overwhelms or self.now.leaves_more_than(along)):
             return
         if self.now.remaining is not None:
-            self.friction, self.now, self.unconfirmed, self.as_likely = found, self.bare, [], []
+            self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []

@@ -85,16 +85,16 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     if len(samples) * samples.dt < SHORTEST_OBSERVED:
         return ()
     known = np.where(samples.follows, torque, np.nan)
-    found = [own for own in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, own))]
-    inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, own) for own in found)], axis=0)
+    contacts = [c for c in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, c))]
+    inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, c) for c in contacts)], axis=0)
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
     share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
     rare = held > share * energy > 0.0 and np.mean(inside) < MOST_TIME
-    if not rare or _commanded(fit, known, found, inside):
+    if not rare or _commanded(fit, known, contacts, inside):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
-    return tuple(contact for contact in found if abs(contact.peak) > felt)
+    return tuple(contact for contact in contacts if abs(contact.peak) > felt)
 
 
 def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
@@ -111,13 +111,13 @@ def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     return float(np.mean(held[inside])) > 0.5
 
 
-def _commanded(fit: Fit, torque: Array, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
+def _commanded(fit: Fit, torque: Array, contacts: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
     """Whether the drive is the cause: the stretches come with steps of the command more often than by chance, or the
     command is much larger inside than on average (a commanded angle has no such size)."""
     samples = fit.samples
     command = np.full(len(inside), np.nan)
     command[samples.follows] = np.concatenate([r.u for r in samples.records])
-    if _with_steps(samples, command, torque, found):
+    if _with_steps(samples, command, torque, contacts):
         return True
     if fit.model.at_angle:
         return False
@@ -125,7 +125,7 @@ def _commanded(fit: Fit, torque: Array, found: Sequence[Contact], inside: NDArra
     return bool(np.mean(square[inside]) > LARGEST_COMMAND * np.mean(square))
 
 
-def _with_steps(samples: Samples, command: Array, torque: Array, found: Sequence[Contact]) -> bool:
+def _with_steps(samples: Samples, command: Array, torque: Array, contacts: Sequence[Contact]) -> bool:
     """Whether stretches begin near a step of the command (M,), or peak soon after one, more often than by chance.
 
         sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, as does a share p of the log's time
@@ -138,11 +138,11 @@ def _with_steps(samples: Samples, command: Array, torque: Array, found: Sequence
     steps[width:] = changes & (samples.number[width:] == samples.number[:-width])
     near = np.convolve(steps, np.ones(2 * soon + 1), "same") > 0.5
     after = np.convolve(steps, np.ones(soon + 1))[: len(steps)] > 0.5
-    spans = [np.flatnonzero(_within(samples, c)) for c in found]
-    begins = np.array([own[0] for own in spans])
-    peaks = np.array([own[np.nanargmax(np.abs(torque[own]))] for own in spans])
+    spans = [np.flatnonzero(_within(samples, c)) for c in contacts]
+    begins = np.array([span[0] for span in spans])
+    peaks = np.array([span[np.nanargmax(np.abs(torque[span]))] for span in spans])
     by_chance = near | np.roll(after, -round(float(np.mean(peaks - begins))))
-    n, k, p = len(found), int(np.sum(near[begins] | after[peaks])), float(np.mean(by_chance[samples.follows]))
+    n, k, p = len(contacts), int(np.sum(near[begins] | after[peaks])), float(np.mean(by_chance[samples.follows]))
     return sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(k, n + 1)) < LEAST_CHANCE
 
 
@@ -167,13 +167,13 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
     limit = max(EXTREME * float(np.median(size)), float(np.nanmedian(np.abs(torque))), least)
     rare = np.abs(d) > 2.0 * np.quantile(np.abs(d), 0.9)
     alone = np.flatnonzero((size > limit) & rare)
-    found, unit = [], fit.model.plant.unit("N m")
+    contacts, unit = [], fit.model.plant.unit("N m")
     for low, high in _stretches(alone, size > 0.25 * limit, record):
-        own = d[low : high + 1]
-        peak = float(own[np.argmax(np.abs(own))])
+        stretch = d[low : high + 1]
+        peak = float(stretch[np.argmax(np.abs(stretch))])
         name = samples.records[record[low]].name
-        found.append(Contact(name, float(t[low]), float(t[high]) + 0.25 * SHORTEST_CONTACT, peak, unit))
-    return tuple(found)
+        contacts.append(Contact(name, float(t[low]), float(t[high]) + 0.25 * SHORTEST_CONTACT, peak, unit))
+    return tuple(contacts)
 
 
 def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
@@ -183,9 +183,9 @@ def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
     window = np.hanning(2 * half + 1)
     smooth = np.full_like(d, np.nan)
     for i in range(int(record[-1]) + 1):
-        own = np.flatnonzero(record == i)
-        if len(own) > 2 * half:
-            smooth[own[half:-half]] = np.convolve(d[own], window / window.sum(), "valid")
+        rows = np.flatnonzero(record == i)
+        if len(rows) > 2 * half:
+            smooth[rows[half:-half]] = np.convolve(d[rows], window / window.sum(), "valid")
     return smooth
 
 
@@ -193,8 +193,8 @@ def _elsewhere(points: Array, instants: Array, d: Array) -> Array:
     """For each point (M, n), the median d of the nearest points at other times; 0 if there is none."""
     from scipy.spatial import cKDTree
 
-    own = int(2.0 * _APART / (0.25 * SHORTEST_CONTACT)) + 2
-    reach = min(len(d), _NEIGHBOURS + own)
+    width = int(2.0 * _APART / (0.25 * SHORTEST_CONTACT)) + 2
+    reach = min(len(d), _NEIGHBOURS + width)
     _, near = cKDTree(points).query(points, k=reach)
     other = np.abs(instants[near] - instants[:, None]) > _APART
     other &= np.cumsum(other, axis=1) <= _NEIGHBOURS

@@ -19,56 +19,55 @@ NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
 
-def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
+def is_plausible(fit: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine can have these effects with their fitted numbers, and the readings can show them."""
-    sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
-    told = found.linearised.told(found.model)
-    return all(e.plausible and e.resolved(sd, reach, told) for e in found.model.effects if e.name in effects)
+    sd, reach = fit.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(fit.samples.smoothed[:, 0]))
+    readable = fit.linearised.told(fit.model)
+    return all(e.plausible and e.resolved(sd, reach, readable) for e in fit.model.effects if e.name in effects)
 
 
-def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
+def is_determined(fit: Fit, before: Fit, others: Collection[str]) -> bool:
     """Whether the log determines all numbers of a fit; also True if it did not determine those of the fit `before`.
     Numbers of the effects `others` do not count, since these may be pruned later."""
-    own = [i for i, name in enumerate(found.names) if found.model.parameters[name].owner not in others]
-    Z = found.Z[:, own]
+    Z = fit.Z[:, [i for i, name in enumerate(fit.names) if fit.model.parameters[name].owner not in others]]
     return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
 
 
-def recurs(found: Fit, effects: Sequence[str], settings: SearchSettings) -> bool:
+def recurs(fit: Fit, effects: Sequence[str], settings: SearchSettings) -> bool:
     """Whether a periodic pattern comes back often enough to be believed, in at least one record, and the log tells how
     often; True for effects without a pattern."""
-    samples = found.samples
+    samples = fit.samples
     rows = [slice(a, b) for a, b in pairwise(samples.first.tolist())]
     motions = [(samples.smoothed[i, 0], samples.time_since_start[i], samples.commands[i]) for i in rows]
-    for e in (own for own in found.model.effects if own.name in effects):
-        counts = [e.recurrences(*motion) for motion in motions]
+    for effect in (e for e in fit.model.effects if e.name in effects):
+        counts = [effect.recurrences(*motion) for motion in motions]
         most = max(counts)
         if most < settings.recurrences or min(counts) == -math.inf:
             return False
-        if math.isfinite(most) and not most * _shape_sd(found, e.name) < settings.count_sd:
+        if math.isfinite(most) and not most * _shape_sd(fit, effect.name) < settings.count_sd:
             return False
     return True
 
 
-def _shape_sd(found: Fit, name: str) -> float:
+def _shape_sd(fit: Fit, name: str) -> float:
     """The largest relative sd of an effect's shapes, such as the order of a ripple; 0 if none is free."""
-    own = [(p, i) for i, n in enumerate(found.names) if (p := found.model.parameters[n]).owner == name]
-    sds = [math.sqrt(found.covariance[i, i]) / abs(float(p.value)) for p, i in own if p.neutral is None]
+    numbers = [(p, i) for i, n in enumerate(fit.names) if (p := fit.model.parameters[n]).owner == name]
+    sds = [math.sqrt(fit.covariance[i, i]) / abs(float(p.value)) for p, i in numbers if p.neutral is None]
     return max(sds, default=0.0)
 
 
-def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure_size) -> bool:
+def is_nothing(fit: Fit, name: str, sure: float = DEFAULT.sure_size) -> bool:
     """Whether the sizes of an effect are compatible with 0 (`squared_size`); False if the readings leave them open."""
-    return squared_size(found, name) < sure
+    return squared_size(fit, name) < sure
 
 
-def is_undetermined(found: Fit, name: str) -> bool:
+def is_undetermined(fit: Fit, name: str) -> bool:
     """Whether the readings do not determine an effect's sizes, because other numbers make up for any of them."""
-    at = _sizes(found, name)
-    return bool(at) and not np.all(np.isfinite(found.covariance[np.ix_(at, at)]))
+    at = _sizes(fit, name)
+    return bool(at) and not np.all(np.isfinite(fit.covariance[np.ix_(at, at)]))
 
 
-def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
+def squared_size(fit: Fit, name: str, beyond: Collection[str] = ()) -> float:
     """The squared size x' C^-1 x / q of an effect, with its q sizes x counted from neutral and their covariance C.
 
     It is 0 for an effect that changes nothing, and nan if the readings do not determine x. The size of a limit is the
@@ -76,55 +75,54 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
     speed. Fields in `beyond`, shared with a simpler effect, do not count. If a number of the plant ended at its bound,
     C is conditional on it, too: beyond the bound it cannot take the effect's place.
     """
-    if any(e.idle for e in found.model.effects if e.name == name):
+    if any(e.idle for e in fit.model.effects if e.name == name):
         return 0.0
-    parameters = found.model.parameters
-    at = [i for i in _sizes(found, name) if parameters[found.names[i]].field not in beyond]
-    if not at or is_undetermined(found, name):
+    parameters = fit.model.parameters
+    at = [i for i in _sizes(fit, name) if parameters[fit.names[i]].field not in beyond]
+    if not at or is_undetermined(fit, name):
         return math.nan
-    sizes = [parameters[found.names[i]] for i in at]
+    sizes = [parameters[fit.names[i]] for i in at]
     x = np.array([float(p.value) - (0.0 if p.never else float(p.neutral or 0.0)) for p in sizes])
-    numbers = [found.names.index(n) for n in found.model.names_of(name) if n in found.names and sizes[0].never]
-    shapes = [i for i in numbers if i not in at and math.isfinite(found.covariance[i, i])]
-    own = [*at, *shapes]
-    precision = np.linalg.pinv(_beside_bounds(found, own), hermitian=True)[: len(at), : len(at)]
+    numbers = [fit.names.index(n) for n in fit.model.names_of(name) if n in fit.names and sizes[0].never]
+    shapes = [i for i in numbers if i not in at and math.isfinite(fit.covariance[i, i])]
+    precision = np.linalg.pinv(_beside_bounds(fit, [*at, *shapes]), hermitian=True)[: len(at), : len(at)]
     return float(x @ precision @ x) / len(x)
 
 
-def _beside_bounds(found: Fit, own: list[int]) -> Array:
-    """The covariance of the numbers `own`, conditional on those of the plant that ended at their bounds."""
-    C, ended = found.covariance, found.at_bounds.intersection(found.model.plant.parameters)
-    held = [i for i, name in enumerate(found.names) if name in ended and 0.0 < C[i, i] < math.inf]
-    across = C[np.ix_(own, held)]
-    return C[np.ix_(own, own)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
+def _beside_bounds(fit: Fit, at: list[int]) -> Array:
+    """The covariance of the numbers `at`, conditional on those of the plant that ended at their bounds."""
+    C, ended = fit.covariance, fit.at_bounds.intersection(fit.model.plant.parameters)
+    held = [i for i, name in enumerate(fit.names) if name in ended and 0.0 < C[i, i] < math.inf]
+    across = C[np.ix_(at, held)]
+    return C[np.ix_(at, at)] - across @ np.linalg.pinv(C[np.ix_(held, held)], hermitian=True) @ across.T
 
 
-def _sizes(found: Fit, name: str) -> list[int]:
+def _sizes(fit: Fit, name: str) -> list[int]:
     """The indices of an effect's sizes among a fit's numbers: those that have a value at which it changes nothing."""
-    parameters = found.model.parameters
-    own = [n for n in found.model.names_of(name) if n in found.names and parameters[n].neutral is not None]
-    return [found.names.index(n) for n in own]
+    parameters = fit.model.parameters
+    names = [n for n in fit.model.names_of(name) if n in fit.names and parameters[n].neutral is not None]
+    return [fit.names.index(n) for n in names]
 
 
-def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
+def gain(fit: Fit, other: Fit, effects: Sequence[str]) -> float:
     """The decrease of the deviance by these effects, divided by the excess variance of their numbers.
 
     What a model lacks is no Gaussian process, so that even an idle effect gains more than likelihood theory says: by
     `Fit.excess`, averaged over its numbers.
     """
-    return (other.deviance - found.deviance) / excess_of(found, effects)
+    return (other.deviance - fit.deviance) / excess_of(fit, effects)
 
 
-def excess_of(found: Fit, effects: Sequence[str]) -> float:
+def excess_of(fit: Fit, effects: Sequence[str]) -> float:
     """The excess variance of the numbers of these effects, on average (`Fit.excess`); 1 if none of them is free."""
-    parameters = found.model.parameters
-    own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
-    return float(np.mean(found.excess[own])) if own else 1.0
+    parameters = fit.model.parameters
+    numbers = [i for i, name in enumerate(fit.names) if parameters[name].owner in effects]
+    return float(np.mean(fit.excess[numbers])) if numbers else 1.0
 
 
-def at_bound(found: Fit, name: str) -> bool:
+def at_bound(fit: Fit, name: str) -> bool:
     """Whether one of the effect's numbers ended at a bound other than its neutral value."""
-    return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
+    return not set(fit.model.names_of(name)).isdisjoint(fit.at_bounds)
 
 
 def shows_in_balance(before: Model, after: Fit, settings: SearchSettings) -> bool:

@@ -51,8 +51,8 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
     chosen, best = "time", 0.0
     if np.count_nonzero(known) < 30:
         return Dependence(("time",), 0.0, "")
-    told = [name for name in QUANTITIES if _is_placed(fit) or "theta" not in name.split("+")]
-    shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in told}
+    names = [name for name in QUANTITIES if _is_placed(fit) or "theta" not in name.split("+")]
+    shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in names}
     for name, share in shares.items():
         if share > max(LEAST_PREDICTED, best + LEAST_ADVANTAGE):
             chosen, best = name, share
@@ -78,9 +78,9 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
     ridge = 1e-3 * np.sum(columns**2) / columns.shape[1] * np.eye(columns.shape[1])
     missed = 0.0
     for k in range(count):
-        own, other = stretch == k, stretch != k
+        inside, other = stretch == k, stretch != k
         N = columns[other].T @ columns[other] + ridge
-        missed += float(np.sum((d[own] - columns[own] @ np.linalg.solve(N, columns[other].T @ d[other])) ** 2))
+        missed += float(np.sum((d[inside] - columns[inside] @ np.linalg.solve(N, columns[other].T @ d[other])) ** 2))
     return 1.0 - missed / max(float(np.sum(d**2)), 1e-300)
 
 

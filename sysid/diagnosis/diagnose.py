@@ -161,11 +161,11 @@ def _searched(
         perhaps = restarts_left and not end.undisturbed and not _is_astray(end, base, search)
         beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
-        found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
-        rest = _without(found, records)
+        touched = () if missing is None else find_contacts(end, missing, again=bool(contacts))
+        rest = _without(touched, records)
         if rest is None:
             break
-        contacts, records = (*contacts, *found), rest
+        contacts, records = (*contacts, *touched), rest
     return search, base, contacts
 
 
@@ -188,22 +188,22 @@ def _best_search(
         return (search, *search.run(model, names, helped))
 
     sensor = search_in(records).sensor
-    found = [from_first(helped) for helped in first_fits(Samples(model, records, sensor), model, names)]
-    best = _best_predicting(found)
+    searches = [from_first(helped) for helped in first_fits(Samples(model, records, sensor), model, names)]
+    best = _best_predicting(searches)
     sharing = Samples(model, records, sensor, speeds_share=True)
-    if not sharing.shared or any(end.undisturbed for *_, end in found):
+    if not sharing.shared or any(end.undisturbed for *_, end in searches):
         return best
     inertia = best[-1].inertia
-    nearest = min(first_fits(sharing, model, names), key=lambda own: abs(math.log(own.inertia / inertia)))
+    nearest = min(first_fits(sharing, model, names), key=lambda fit: abs(math.log(fit.inertia / inertia)))
     return _best_predicting([best, from_first(nearest)])
 
 
-def _best_predicting(found: Sequence[tuple[Search, Fit, Fit]]) -> tuple[Search, Fit, Fit]:
+def _best_predicting(searches: Sequence[tuple[Search, Fit, Fit]]) -> tuple[Search, Fit, Fit]:
     """That of several searches whose final fit predicts left-out stretches best."""
-    if len(found) == 1:
-        return found[0]
-    lead = max(lead_of(end.model) for _, _, end in found)
-    return min(found, key=lambda own: own[0].left_out(own[2], lead).ratio)
+    if len(searches) == 1:
+        return searches[0]
+    lead = max(lead_of(end.model) for _, _, end in searches)
+    return min(searches, key=lambda item: item[0].left_out(item[2], lead).ratio)
 
 
 def _untouched(
@@ -217,9 +217,9 @@ def _untouched(
     except InvalidInput:  # the model runs away from what it has not seen
         return held_out, ()
     names = {r.name for r in held_out}
-    found = tuple(contact for contact in torque.contacts if contact.name in names)
-    rest = _without(found, held_out)
-    return (held_out, ()) if rest is None else (rest, found)
+    touched = tuple(contact for contact in torque.contacts if contact.name in names)
+    rest = _without(touched, held_out)
+    return (held_out, ()) if rest is None else (rest, touched)
 
 
 def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Record, ...] | None:
@@ -256,7 +256,7 @@ class _Report:
             verdict = "cannot tell"
         elif now.remaining is not None:
             verdict = "partly" if machine or self.confirmed.friction else "unknown"
-        told = (*now.names, *self.confirmed.unconfirmed)
+        named = (*now.names, *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
             base=self.base.estimate(),
@@ -279,7 +279,7 @@ class _Report:
             next_experiment=self._experiment(machine, end),
             seconds=time.perf_counter() - began,
             torque=now.torque,
-            negligible=tuple(n for n in self.search.negligible if n not in told),
+            negligible=tuple(n for n in self.search.negligible if n not in named),
             unconfirmed=tuple(self.confirmed.unconfirmed),
             tolerance=self.search.settings.tolerance,
         )
@@ -308,9 +308,9 @@ class _Report:
         for trial in self.search.trials:
             name = trial.single
             if name and len(names) > 1 and set(names) in map(set, CATALOGUE[name].refines):
-                found = settled(trial.fit)
-                if found.deviance - end.deviance < self.search.settings.close_deviance and is_plausible(found, (name,)):
-                    yield _alternative(found, (name,), tuple(a.name for a in self.confirmed.additions))
+                fit = settled(trial.fit)
+                if fit.deviance - end.deviance < self.search.settings.close_deviance and is_plausible(fit, (name,)):
+                    yield _alternative(fit, (name,), tuple(a.name for a in self.confirmed.additions))
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """The additions as steps, in their order; effects that pay only together share one fall of the error."""
@@ -367,13 +367,13 @@ class _Report:
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Groups that no log of this kind separates: parameters with each other, and effects with what absorbs them."""
         groups = []
-        own = end.model.plant.parameters
+        plant = end.model.plant.parameters
         absorbed = [n for n, s in self.search.first.items() if s.absorbed]
         damped = end.model.damping in end.names
         excluded = () if end.model.actuator is None else end.model.actuator.excludes
         by_damping = [n for n in absorbed if damped and not CATALOGUE[n].inertial]
         if len(absorbed) > len(by_damping):
-            groups.append((*(n for n in end.names if n in own), *(n for n in absorbed if n not in by_damping)))
+            groups.append((*(n for n in end.names if n in plant), *(n for n in absorbed if n not in by_damping)))
         groups.extend((a.name, *a.same) for a in self.confirmed.additions if a.same)
         if damped:
             others = (n for n, kind in CATALOGUE.items() if kind.brakes and n not in excluded)
@@ -388,18 +388,18 @@ class _Report:
 
     def _ruled_out(self) -> dict[str, dict[str, Any]]:
         """For effects that were not found, the sizes above which they would have been."""
-        found = {}
+        sizes = {}
         for name, s in self.search.last.items():
             if not s.visible or len(s.sizes) != 1 or not math.isfinite(s.sd[0]):
                 continue
             p = s.best.neutral.parameters[s.best.magnitudes[0]]
             if not p.never:
                 unit = self.base.model.plant.unit(p.unit)
-                found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": unit}
-        return found
+                sizes[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": unit}
+        return sizes
 
 
-def _alternative(found: Fit, effects: tuple[str, ...], instead: tuple[str, ...]) -> Alternative:
+def _alternative(fit: Fit, effects: tuple[str, ...], instead: tuple[str, ...]) -> Alternative:
     """The alternative of some effects, with their numbers in a fit."""
-    estimate = found.estimate()
+    estimate = fit.estimate()
     return Alternative(effects, instead, {name: fitted_numbers(estimate, name) for name in effects})

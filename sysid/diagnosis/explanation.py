@@ -144,9 +144,9 @@ class Explanation:
         contacts = self.evidence.contacts
         if not contacts and not self.remains:
             return Remaining(share, (), "", after, unseen=True) if self.fails_elsewhere else None
-        found = dependence(self.fit, self.missing)
-        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if contacts else found.depends_on
-        return Remaining(share, depends_on, found.where, after)
+        over = dependence(self.fit, self.missing)
+        depends_on = (*(q for q in over.depends_on if q != "time"), "time") if contacts else over.depends_on
+        return Remaining(share, depends_on, over.where, after)
 
     def missing_over(self, quantity: str, alone: bool) -> float:
         """The mean square [N^2 m^2] of the missing torque if that is a function of the quantity `alone`, else of the
@@ -154,7 +154,7 @@ class Explanation:
         share = 1.0 if alone else dependence(self.fit, self.missing).shares.get(quantity, 0.0)
         return share * float(np.nanmean(self.missing**2))
 
-    def leaves_more_than(self, found: FrictionAlong) -> bool:
+    def leaves_more_than(self, along: FrictionAlong) -> bool:
         """Whether the additions leave more torque missing than friction along the motion does.
 
         If an inertia shows in the torque, that has to be more by `farther_factor`, and predictions have to err beyond
@@ -162,11 +162,11 @@ class Explanation:
         inertia beside them is another (`inertia_factor`).
         """
         settings = self.evidence.settings
-        more = self.torque.after / max(math.sqrt(1.0 - found.share) * self.torque.drive, 1e-300)
-        if not found.shows_inertia:
+        more = self.torque.after / max(math.sqrt(1.0 - along.share) * self.torque.drive, 1e-300)
+        if not along.shows_inertia:
             return more > 1.0
         if more <= settings.farther_factor or self.error.ratio < 1.0:
             return False
-        another = found.contradicts(self.fit.inertia, settings.inertia_factor)
-        lacking = found.shows_dry_friction and not any(e.is_dry for e in self.fit.model.effects)
+        another = along.contradicts(self.fit.inertia, settings.inertia_factor)
+        lacking = along.shows_dry_friction and not any(e.is_dry for e in self.fit.model.effects)
         return another or lacking or not self.additions

@@ -36,8 +36,8 @@ def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, d
         for name, value in estimate.values.items()
         if effect is None or parameters[name].owner == effect
     }
-    for own in (e for e in estimate.model.effects if e.name == effect):
-        for ratio, (above, below, unit) in own.ratios.items():
+    for present in (e for e in estimate.model.effects if e.name == effect):
+        for ratio, (above, below, unit) in present.ratios.items():
             parts = [f"{effect}.{part}" for part in (above, below)]
             if numbers.keys() >= set(parts) and (known := _ratio(estimate, *parts)) is not None:
                 numbers[f"{effect}.{ratio}"] = known | {"unit": estimate.model.plant.unit(unit)}

@@ -49,8 +49,8 @@ class FrictionSets:
         fewer = balanced(without, self.named.fit.balance)
         tested = search.tested(fewer)
         possible = [n for n in FRICTIONS if n in known or (n in tested and tested[n].visible)]
-        sets = (own for k in range(1, len(possible) + 1) for own in combinations(possible, k))
-        for names in (own for own in sets if set(own) != set(known)):
+        sets = (names for k in range(1, len(possible) + 1) for names in combinations(possible, k))
+        for names in (n for n in sets if set(n) != set(known)):
             for trial in search.trial(fewer, names):
                 fit = settled(trial.fit)
                 p = p_value(fewer.deviance - fit.deviance, len(names))
@@ -60,14 +60,14 @@ class FrictionSets:
     def loss(self, other: Explanation) -> float:
         """By how much another set is less likely than the named one: the rise of the deviance, divided by the larger
         excess of the two, and the price of its numbers. All of FRICTIONS are as common here."""
-        excess = max(excess_of(own.fit, FRICTIONS) for own in (other, self.named))
+        excess = max(excess_of(e.fit, FRICTIONS) for e in (other, self.named))
         more = len(other.additions) - len(self.named.additions)
         return (other.fit.deviance - self.named.fit.deviance) / excess + self.named.evidence.settings.price * more
 
 
-def least_size(own: Explanation) -> float:
+def least_size(explanation: Explanation) -> float:
     """The least squared size of the common frictions of an explanation; 0 if it has none."""
-    return min((squared_size(own.fit, n) for n in own.names if n in FRICTIONS), default=0.0)
+    return min((squared_size(explanation.fit, n) for n in explanation.names if n in FRICTIONS), default=0.0)
 
 
 def is_as_good(other: Explanation, named: Explanation) -> bool:

@@ -58,8 +58,8 @@ def throughout(model: Model, records: Sequence[Record], sensor: Sensor, ahead: f
     fit = refit_windows(model, records, sensor, cut(records, ahead, lead_of(model)))
     windows = error_of(fit, ahead).windows
     owner = np.array([w.record for w in fit.response.windows])
-    own = (np.flatnonzero(owner == k).tolist() for k in range(len(records)))
-    return tuple(predicted(fit, at, float(np.sqrt(np.mean([windows[k].ratio ** 2 for k in at])))) for at in own)
+    windows_of = (np.flatnonzero(owner == k).tolist() for k in range(len(records)))
+    return tuple(predicted(fit, at, float(np.sqrt(np.mean([windows[k].ratio ** 2 for k in at])))) for at in windows_of)
 
 
 def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
@@ -72,8 +72,8 @@ def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
     for k in windows:
         at = read[k].any(axis=0)
         times.append(np.append(response.time[k, at], np.nan))
-        own = response.interval[k, np.flatnonzero(at).clip(max=response.windows[k].count - 1)]
-        commands.append(np.append(response.commands[own], np.nan))
+        intervals = response.interval[k, np.flatnonzero(at).clip(max=response.windows[k].count - 1)]
+        commands.append(np.append(response.commands[intervals], np.nan))
         for c in seen:
             row = CHANNELS.index(c)
             left = np.divide(e[k, row], response.weight[k, row], out=np.full(len(at), np.nan), where=read[k, row])

@@ -97,7 +97,7 @@ def effect_torque(fit: Fit, name: str) -> EffectTorque | None:
     if not float(np.std(torque)) > 0.0 or not np.all(np.isfinite(torque)):
         return None
     at = {name: x[inside] for name, x in coordinates(fit).items()}
-    best = max((_over(name, x, torque) for name, x in at.items() if name != "time"), key=lambda own: own.share)
+    best = max((_over(name, x, torque) for name, x in at.items() if name != "time"), key=lambda over: over.share)
     return best if best.share > _LEAST_SHARE else _over_time(fit, at["time"], torque)
 
 
@@ -105,9 +105,9 @@ def _over_time(fit: Fit, t: Array, torque: Array) -> EffectTorque:
     """The torque over time, in the first LONGEST_STRETCH of the record in which it is largest."""
     number = fit.samples.number[fit.samples.follows]
     size = np.bincount(number, torque**2) / np.maximum(np.bincount(number), 1)
-    own = np.flatnonzero(number == int(np.argmax(size)))
-    own = own[t[own] <= t[own[0]] + LONGEST_STRETCH]
-    return EffectTorque("time", t[own], torque[own], 1.0, fit.samples.records[int(number[own[0]])].name)
+    rows = np.flatnonzero(number == int(np.argmax(size)))
+    rows = rows[t[rows] <= t[rows[0]] + LONGEST_STRETCH]
+    return EffectTorque("time", t[rows], torque[rows], 1.0, fit.samples.records[int(number[rows[0]])].name)
 
 
 def _over(name: str, x: Array, torque: Array) -> EffectTorque:

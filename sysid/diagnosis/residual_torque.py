@@ -255,15 +255,15 @@ def followed(samples: Samples, model: Model) -> Fit:
     )
 
 
-def torque_of(found: Fit) -> ResidualTorque:
+def torque_of(fit: Fit) -> ResidualTorque:
     """The residual torque of a fit, in numbers over time, over quantities and over states."""
-    samples, inertia = found.samples, found.inertia
-    present = not found.undisturbed
-    filter = found.filter if present else found.linearised.system.filter(_largest(found))
+    samples, inertia = fit.samples, fit.inertia
+    present = not fit.undisturbed
+    filter = fit.filter if present else fit.linearised.system.filter(_largest(fit))
     z, inside = filter.smooth(), samples.follows
     d, sd = inertia * z[:, 2], inertia * filter.posterior_sd()[:, 2]
-    x, averaged, at = found.motion.x + z[:, :2], slow(d, samples.number, samples.dt), coordinates(found)
-    means = _Means(found, filter, d)
+    x, averaged, at = fit.motion.x + z[:, :2], slow(d, samples.number, samples.dt), coordinates(fit)
+    means = _Means(fit, filter, d)
     return ResidualTorque(
         records=tuple(
             Followed(r.name, r.t, x[a:b, 0], x[a:b, 1], d[a : b - 1], sd[a : b - 1])
@@ -272,14 +272,14 @@ def torque_of(found: Fit) -> ResidualTorque:
         s=inertia * filter.disturbances.s,
         T=filter.disturbances.T,
         present=present,
-        drive=_root_mean_square(found.linearised.drive_torques[inside]),
+        drive=_root_mean_square(fit.linearised.drive_torques[inside]),
         averaged=_root_mean_square(averaged),
         binned={name: means.over(name, values) for name, values in at.items()},
         map=means.map(at["theta"], at["theta_dot"]),
-        dependence=dependence(found, averaged),
-        contacts=find_contacts(found, averaged, 4.0 * means.sd_of_slow()) if present else (),
-        units=found.model.plant.quantities,
-        converged=found.converged,
+        dependence=dependence(fit, averaged),
+        contacts=find_contacts(fit, averaged, 4.0 * means.sd_of_slow()) if present else (),
+        units=fit.model.plant.quantities,
+        converged=fit.converged,
     )
 
 
@@ -305,27 +305,27 @@ def needed_disturbances(base: Fit, beside: Disturbances = NO_DISTURBANCE) -> Dis
     return likely.disturbances
 
 
-def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
+def missing_torque(fit: Fit, disturbances: Disturbances) -> Array:
     """The torque (M,) [N m] that the log needs beside a fitted model, made `slow` unless all records are too short.
     Models are compared under the same `disturbances`, those that the model as it came needs."""
     held = replace(QUICK, sizes=False)
-    smoothed = fit_parameters(found.samples, found.model, (), found, disturbances, held)
-    torque = found.inertia * smoothed.motion.d
-    averaged = slow(torque, found.samples.number, found.samples.dt)
+    smoothed = fit_parameters(fit.samples, fit.model, (), fit, disturbances, held)
+    torque = fit.inertia * smoothed.motion.d
+    averaged = slow(torque, fit.samples.number, fit.samples.dt)
     return averaged if np.any(np.isfinite(averaged)) else torque
 
 
-def _largest(found: Fit) -> Disturbances:
+def _largest(fit: Fit) -> Disturbances:
     """The largest random torque that the log does not rule out: its deviance is 1.645^2 above that without any."""
     from scipy.optimize import brentq
 
-    system = found.linearised.system
+    system = fit.linearised.system
 
     def excess(log_s: float) -> float:
         return system.filter(Disturbances(math.exp(log_s), CORRELATION_TIME)).deviance - none - 1.645**2
 
     none = system.filter(Disturbances(0.0)).deviance
-    low = high = math.log(1e-6 * level(found.samples))
+    low = high = math.log(1e-6 * level(fit.samples))
     while excess(high) < 0.0 and high < low + 60.0:
         low, high = high, high + 1.0
     return Disturbances(
@@ -337,37 +337,37 @@ def _largest(found: Fit) -> Disturbances:
 class _Means:
     """Computes means of d [N m] over groups of intervals, with their posterior sd."""
 
-    found: Fit
+    fit: Fit
     filter: Filter
     d: Array
 
     def of(self, group: NDArray[np.intp], groups: int) -> tuple[Array, Array, NDArray[np.intp]]:
         """Mean, sd and count (groups,) over the intervals of each group; nan for an empty one."""
-        inside = self.found.samples.follows
+        inside = self.fit.samples.follows
         count = np.bincount(group[inside], minlength=groups)
         shares = (group[:, None] == np.arange(groups)) * inside[:, None] / np.maximum(count, 1)
         mean = np.where(count > 0, self.d @ shares, math.nan)
-        sd = np.where(count > 0, self.found.inertia * self.filter.posterior_sd_of_sums(shares), math.nan)
+        sd = np.where(count > 0, self.fit.inertia * self.filter.posterior_sd_of_sums(shares), math.nan)
         return mean, sd, count
 
     def sd_of_slow(self) -> float:
         """The median, over 24 places of the log, of the posterior sd of d made `slow`."""
-        samples = self.found.samples
+        samples = self.fit.samples
         at = np.linspace(0, len(samples) - 1, 26).astype(int)[1:-1]
         once = (np.arange(len(samples))[:, None] == at).astype(float)
         shares = np.nan_to_num(np.stack([slow(v, samples.number, samples.dt) for v in once.T], axis=1))
         sd = self.filter.posterior_sd_of_sums(shares)[np.sum(shares, axis=0) > 0.99]
-        return self.found.inertia * float(np.median(sd)) if len(sd) else math.inf
+        return self.fit.inertia * float(np.median(sd)) if len(sd) else math.inf
 
     def over(self, name: str, values: Array) -> Binned:
         """The means in bins of one quantity (M,)."""
-        plant = self.found.model.plant
-        edges = _edges(name, values[self.found.samples.follows], plant.turns)
+        plant = self.fit.model.plant
+        edges = _edges(name, values[self.fit.samples.follows], plant.turns)
         return Binned(name, plant.quantities[name], edges, *self.of(_bin(values, edges), _BINS))
 
     def map(self, theta: Array, theta_dot: Array) -> TorqueMap:
         """The means in cells of the states."""
-        inside = self.found.samples.follows
+        inside = self.fit.samples.follows
         cut = [np.linspace(*_spread(v[inside]), n + 1) for v, n in zip((theta, theta_dot), _CELLS, strict=True)]
         cell = _bin(theta, cut[0]) * _CELLS[1] + _bin(theta_dot, cut[1])
         mean, sd, count = self.of(cell, math.prod(_CELLS))

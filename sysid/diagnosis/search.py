@@ -73,12 +73,12 @@ class Addition:
 def all_but(left: Addition, additions: Sequence[Addition], instead: Sequence[Addition] | None = None) -> list[Addition]:
     """The additions without one of them, which makes place for those that it had replaced, or for others `instead`."""
     back = left.replaced if instead is None else instead
-    return [own for a in additions for own in (back if a is left else (a,))]
+    return [b for a in additions for b in (back if a is left else (a,))]
 
 
 def contained_in(effects: Iterable[Effect]) -> set[str]:
     """The names of the effects that one of these contains: beside it their numbers would mean nothing."""
-    return {name for own in effects for name in own.contains}
+    return {name for e in effects for name in e.contains}
 
 
 @dataclass(eq=False)
@@ -116,12 +116,12 @@ class Search:
         self.given = base.model.effects
         for k in range(self.settings.steps):
             before = self.names
-            now, found = self._round(now, helped if k == 0 else None)
-            if not found:
+            now, stays = self._round(now, helped if k == 0 else None)
+            if not stays:
                 return base, now
             if self.names == before:  # what was added was pruned again, but left a better fit of the others
                 self.stages.pop()
-            elif any({a.name for a in own} == self.names for own, _ in self.stages):
+            elif any({a.name for a in additions} == self.names for additions, _ in self.stages):
                 break  # it would go round in a circle
             self.stages.append((tuple(self.additions), now))
         self.last = self.tested(now)
@@ -175,7 +175,7 @@ class Search:
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
         promise, least = self.promise(self.last), self.settings.least_promise
         best = max(promise.values(), default=0.0)
-        single = [n for n, own in promise.items() if own > max(0.0, least * best)][: self.settings.trials]
+        single = [n for n, merit in promise.items() if merit > max(0.0, least * best)][: self.settings.trials]
         tried, enough = list[Trial](), set[tuple[str, ...]]()
         for name in single:
             if enough.isdisjoint(CATALOGUE[name].refines):
@@ -184,7 +184,7 @@ class Search:
         for name in self.settings.always_tried:
             if hidden and not enough and name in promise and name not in single:
                 self._try_class(now, name, tried)
-        for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
+        for simpler in dict.fromkeys(names for t in tried for names in CATALOGUE[t.effects[0]].refines):
             if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
                 tried += self.trial(now, simpler)
         self._try_balanced(now, tried)
@@ -208,20 +208,20 @@ class Search:
         present, contained = set(now.model.effect_names), contained_in(now.model.effects)
         taken = {n for n, kind in CATALOGUE.items() if not contained.isdisjoint(kind.contains)}
         second = {n for n in taken if present.isdisjoint(CATALOGUE[n].contains)}
-        return {n: own for n, own in scores(now, self.effects).items() if n not in contained | second}
+        return {n: score for n, score in scores(now, self.effects).items() if n not in contained | second}
 
     def promise(self, tested: Mapping[str, Score]) -> dict[str, float]:
         """The expected merit of each visible effect (its score less its price), the largest first."""
         promise = {n: s.merit(self.settings.price) for n, s in tested.items() if s.visible}
-        return dict(sorted(promise.items(), key=lambda own: own[1], reverse=True))
+        return dict(sorted(promise.items(), key=lambda item: item[1], reverse=True))
 
     def _others(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Fit effects of smaller expected merit, but no refinements of present ones, after the first trials kept less
         than they promised. Returned are those that predict left-out stretches better by more than chance."""
         known, present = {t.effects for t in trials}, set(now.model.effect_names)
         tried = list(trials)
-        names = [n for n, own in self.promise(self.last).items() if own > 0.0 and (n,) not in known]
-        names = [n for n in names if not any(present.issuperset(own) for own in CATALOGUE[n].refines)]
+        names = [n for n, merit in self.promise(self.last).items() if merit > 0.0 and (n,) not in known]
+        names = [n for n in names if not any(present.issuperset(simpler) for simpler in CATALOGUE[n].refines)]
         for name in names[: self.settings.trials]:
             self._try_class(now, name, tried)
         better = (t for t in tried[len(trials) :] if t.merit > 0.0 and self._predicts_better(now, t.fit))
@@ -232,12 +232,12 @@ class Search:
         names = tuple(name for name in helped.model.effect_names if name not in now.model.effect_names)
         if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
             return []
-        found, tried = balanced(helped, now.balance), list[Trial]()
+        fit, tried = balanced(helped, now.balance), list[Trial]()
         for name in reversed(names):
-            tried.append(Trial(names, found, gain(found, now, names) - self._price(names)))
+            tried.append(Trial(names, fit, gain(fit, now, names) - self._price(names)))
             if len(names) < 3:
                 break
-            names, found = tuple(n for n in names if n != name), reduced(found, name)
+            names, fit = tuple(n for n in names if n != name), reduced(fit, name)
         return tried
 
     def _price(self, names: Iterable[str]) -> float:
@@ -249,8 +249,8 @@ class Search:
         large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
         quiet = now.disturbances.scaled(self.settings.simulated_share)
         simulated = continued(now, quiet, replace(QUICK, sizes=False))
-        found = scores(simulated, [n for n, s in self.last.items() if s.visible])
-        best = sorted(found.values(), key=lambda s: s.lm - self._price([s.name]), reverse=True)
+        tested = scores(simulated, [n for n, s in self.last.items() if s.visible])
+        best = sorted(tested.values(), key=lambda s: s.lm - self._price([s.name]), reverse=True)
         tried: list[Trial] = []
         for score in best[: self.settings.simulated_trials]:
             begin = [score.best.at(score.sizes)]
@@ -271,8 +271,8 @@ class Search:
     def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
         """Fit an effect by the preferred member of its class, the effects that the log cannot tell from it; and, while
         a member's fit ends at a bound, by the next one. The effect itself is the last."""
-        own = self.last[name]
-        others = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
+        score = self.last[name]
+        others = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], score)]
         for chosen in (*others, name):
             same = [t for t in tried if t.single and self._same(self.last[t.single], self.last[chosen])]
             if any(not at_bound(t.fit, t.effects[0]) for t in same):
@@ -285,9 +285,9 @@ class Search:
 
     def inseparable(self, name: str) -> tuple[str, ...]:
         """The effects that the log cannot tell from this one in the first round, whatever their sizes."""
-        own = self.first[name]
-        others = {n: s for n, s in self.first.items() if n != name and s.visible and len(s.sizes) == len(own.sizes)}
-        return tuple(n for n, s in others.items() if self._same(s, own))
+        score = self.first[name]
+        others = {n: s for n, s in self.first.items() if n != name and s.visible and len(s.sizes) == len(score.sizes)}
+        return tuple(n for n, s in others.items() if self._same(s, score))
 
     def trial(
         self,
@@ -301,21 +301,21 @@ class Search:
         them."""
         logger.debug(f"fitting {' and '.join(names)}")
         present = (near or now).model.effect_names
-        refined = {n: own for n in names if (own := [c for c in CATALOGUE[n].contains if c in present])}
+        refined = {n: parts for n in names if (parts := [c for c in CATALOGUE[n].contains if c in present])}
         try:
             begun = near or now
-            for own in refined.values():
-                begun = without_free(begun, own, QUICK)
+            for parts in refined.values():
+                begun = without_free(begun, parts, QUICK)
             tested = self.last | (scores(begun, refined) if refined else {})
             start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
-            found = extended(begun, start, QUICK)
+            fit = extended(begun, start, QUICK)
         except InvalidInput:
             return []
-        merit = gain(found, now, names) - self._price(names)
-        present = found.model.effect_names
+        merit = gain(fit, now, names) - self._price(names)
+        present = fit.model.effect_names
         merit += self._price(e.name for e in now.model.effects if e.name not in present)
-        usable = math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings
-        return [Trial(names, found, merit)] if usable else []
+        usable = math.isfinite(merit) and 2 * fit.linearised.unused <= fit.samples.readings
+        return [Trial(names, fit, merit)] if usable else []
 
     def _start(self, now: Fit, name: str, alone: bool, tested: Mapping[str, Score]) -> Effect:
         """The effect at the size that its score predicts, or at a small size if it is one of several."""
@@ -372,7 +372,7 @@ class Search:
 
     def _beats_its_simpler_forms(self, trial: Trial, trials: Sequence[Trial]) -> bool:
         """Whether a refinement predicts left-out stretches better than its simpler forms do, by enough to matter."""
-        simpler = {frozenset(own) for name in trial.effects for own in CATALOGUE[name].refines}
+        simpler = {frozenset(names) for name in trial.effects for names in CATALOGUE[name].refines}
         return all(
             self._predicts(other.fit, trial.fit) and matters(other.fit.model, trial.fit, self.settings)
             for other in trials
@@ -391,11 +391,11 @@ class Search:
         lead = max(lead_of(before.model), lead_of(after.model))
         return self.left_out(after, lead).gain(self.left_out(before, lead))
 
-    def left_out(self, own: Fit, lead: float) -> PredictionErrors:
+    def left_out(self, fit: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; they are kept for a round, which needs them several times."""
-        if (own, lead) not in self.left:
-            self.left[own, lead] = left_out_errors(own, self.settings.ahead, self.settings.blocks, lead)
-        return self.left[own, lead]
+        if (fit, lead) not in self.left:
+            self.left[fit, lead] = left_out_errors(fit, self.settings.ahead, self.settings.blocks, lead)
+        return self.left[fit, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """Trials of commoner effects that explain the log about as well as the best trial, begun where that ended."""
@@ -403,26 +403,26 @@ class Search:
         if name is None:
             return []
         fitted = best.fit.model.effect_named(name).parameters
-        found: list[Trial] = []
+        trials: list[Trial] = []
         for other in preferred():
             if other == name or other not in self.last or other not in CATALOGUE[name].confused:
                 continue
-            own = effect(other)
-            numbers = {k: float(fitted[k].value) for k in own.parameters if k in fitted}
-            if len(numbers) == len(own.parameters):
-                bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
-                found += self.trial(now, (other,), [effect(other, **bounded)])
-        return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close_deviance]
+            simple = effect(other)
+            numbers = {k: float(fitted[k].value) for k in simple.parameters if k in fitted}
+            if len(numbers) == len(simple.parameters):
+                bounded = {k: float(np.clip(v, *simple.parameters[k].bounds)) for k, v in numbers.items()}
+                trials += self.trial(now, (other,), [effect(other, **bounded)])
+        return [t for t in trials if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close_deviance]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
         equal = self._alike(chosen, trials, self.settings.equal_deviance, self.settings.high_collinearity)
         rivals = self._alike(chosen, trials, self.settings.close_deviance, self.settings.rival_collinearity)
         p = p_value(now.deviance - chosen.fit.deviance, len(chosen.fit.names) - len(now.names))
         for name in chosen.effects:
-            own = self.last[name]
+            score = self.last[name]
             held = {t.single for t in trials if t.single and at_bound(t.fit, t.single)}
             visible = [n for n, s in self.last.items() if n != name and n not in held and s.visible]
-            same = tuple(n for n in visible if n in equal or self._same(self.last[n], own))
+            same = tuple(n for n in visible if n in equal or self._same(self.last[n], score))
             close = tuple(
                 other
                 for other, fit in rivals.items()
@@ -465,7 +465,7 @@ class Search:
             if not needless:
                 break
             saved = {a.name: price(a.name, self.settings.price) for a, _ in needless}
-            addition, without = min(needless, key=lambda own: own[1].deviance - saved[own[0].name])
+            addition, without = min(needless, key=lambda item: item[1].deviance - saved[item[0].name])
             logger.debug(f"going on without {addition.name}")
             self.additions = all_but(addition, self.additions)
             now = settled(without)
@@ -474,11 +474,11 @@ class Search:
     def without(self, now: Fit, left: Addition, back: Sequence[Addition] = (), settings: Settings = THOROUGH) -> Fit:
         """The fit without an addition, and with others `back` in the place that it took; those of the model as it came
         are there again, too."""
-        found = reduced(now, left.name, settings)
-        present = found.model.effect_names
+        fit = reduced(now, left.name, settings)
+        present = fit.model.effect_names
         begun = [e for e in self.given if e.name in CATALOGUE[left.name].contains and e.name not in present]
-        begun += [self._simpler(now, left.name, own.name) for own in back]
-        return extended(found, begun, settings) if begun else found
+        begun += [self._simpler(now, left.name, a.name) for a in back]
+        return extended(fit, begun, settings) if begun else fit
 
     def _needless(self, name: str, now: Fit, without: Fit) -> bool:
         """Whether an effect does not pay or does not matter beside the others."""
@@ -524,10 +524,10 @@ class Search:
 
     def _simpler(self, now: Fit, refined: str, name: str) -> Effect:
         """A simpler effect that begins at the refinement's numbers if these include its own, else at a small size."""
-        own = now.model.effect_named(refined).parameters
+        numbers = now.model.effect_named(refined).parameters
         fields = effect(name).parameters
-        if set(fields) <= set(own):
-            begun: Effect = effect(name, **{field: float(own[field].value) for field in fields})
+        if set(fields) <= set(numbers):
+            begun: Effect = effect(name, **{field: float(numbers[field].value) for field in fields})
             if not begun.idle:
                 return begun
         return self._start(now, name, False, self.last)
@@ -536,10 +536,10 @@ class Search:
         """The fit with simpler effects in place of a refinement. It begins where a fit without the refinement ends; or,
         if the refinement has ended as its simpler form, with all other numbers at their bounds, where the present fit
         ended."""
-        own = now.model.effect_named(refined).parameters
+        numbers = now.model.effect_named(refined).parameters
         starts = [self._simpler(now, refined, name) for name in simpler]
-        shared = {field for e in starts if set(e.parameters) <= set(own) for field in e.parameters}
-        if not shared or not {f"{refined}.{field}" for field in own if field not in shared} <= now.at_bounds:
+        shared = {field for e in starts if set(e.parameters) <= set(numbers) for field in e.parameters}
+        if not shared or not {f"{refined}.{field}" for field in numbers if field not in shared} <= now.at_bounds:
             return extended(reduced(now, refined), starts, QUICK)
         model = now.model.without_effect(refined)
         for start in starts:

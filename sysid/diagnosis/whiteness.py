@@ -37,10 +37,10 @@ class Whiteness:
         return self.p_value >= 0.01
 
 
-def whiteness(found: Fit) -> dict[str, Whiteness]:
+def whiteness(fit: Fit) -> dict[str, Whiteness]:
     """The whiteness of the filter's innovations, for each channel with at least 20 of them."""
-    filter, follows = found.filter, found.samples.follows
-    known = np.any(found.linearised.system.H != 0.0, axis=2) & (filter.log_variances < math.log(_UNKNOWN))
+    filter, follows = fit.filter, fit.samples.follows
+    known = np.any(fit.linearised.system.H != 0.0, axis=2) & (filter.log_variances < math.log(_UNKNOWN))
     w = np.where(known, filter.innovations, np.nan)
     ends = np.flatnonzero(~follows)[:-1] + 1
     return {
