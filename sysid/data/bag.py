@@ -52,23 +52,24 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
     """
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     content = _content(path, tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files))
-    own = _joint(path, content, joint)
-    found: dict[str, Any] = {name: np.array([getattr(row, name) for row in own]) for name in READINGS}
-    found = {n: v for n, v in found.items() if n == "torque" or np.isfinite(v).any()}
+    rows = _joint(path, content, joint)
+    readings: dict[str, Any] = {name: np.array([getattr(row, name) for row in rows]) for name in READINGS}
+    readings = {n: v for n, v in readings.items() if n == "torque" or np.isfinite(v).any()}
     if columns is None:
-        return dict.fromkeys(("t", *found, *content.numbers))
-    if columns.get("torque") == "torque" and not np.isfinite(found["torque"]).any():
+        return dict.fromkeys(("t", *readings, *content.numbers))
+    if columns.get("torque") == "torque" and not np.isfinite(readings["torque"]).any():
         topics = ", ".join(content.numbers) or "none"
         raise InvalidInput(
             f"{path.name}: the joint's efforts are empty: name the topic that commands it, as in "
             f"torque=/commands[0], or leave the torque out (torque=) for a free swing; topics of numbers: {topics}"
         )
-    written = np.array([row.written for row in own])
-    stamps = np.array([row.stamped for row in own])
+    written = np.array([row.written for row in rows])
+    stamps = np.array([row.stamped for row in rows])
     stamps = stamps if stamps.any() else written  # this robot does not stamp its messages
-    found["t"] = (stamps - stamps[0]) / 1e9
+    readings["t"] = (stamps - stamps[0]) / 1e9
     return {
-        ours: found[name] if name in found else _held(content.numbers[name], written) for ours, name in columns.items()
+        ours: readings[name] if name in readings else _held(content.numbers[name], written)
+        for ours, name in columns.items()
     }
 
 

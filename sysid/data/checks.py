@@ -101,30 +101,30 @@ def doubts(
 
     A `plant` that does not turn gets no notes on angles, and forces in place of torques; without gravity none on zero.
     """
-    found = []
+    notes = []
     turns, newton = (True, "N m") if plant is None else (plant.turns, plant.unit("N m"))
     largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
     if turns and largest > 40.0:
-        found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
+        notes.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
     if command == "position":  # what follows is of torques: a servo pulls at rest, too, and against the angle
-        return tuple(found)
+        return tuple(notes)
     if command == "torque" and not turns:
         command = "force"
     first = float(records[0].u[0])
     if all(np.all(r.u == first) for r in records):
         free = f"a free {'swing' if turns else 'motion'}: the {command} is 0"
         acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
-        found.append(free if first == 0.0 else acts)
+        notes.append(free if first == 0.0 else acts)
     hangs = plant is None or float(plant.largest_gravity_torque) > 0.0
     if not turns:
-        return tuple(found)
+        return tuple(notes)
     A, b = _accelerations(records)
     middle = _middle_of_swings(A, b) if hangs else None
     if middle is not None and abs(math.remainder(middle - math.pi, 2.0 * math.pi)) > ELSEWHERE:
-        own = math.remainder(middle + shift, 2.0 * math.pi)
-        at = f"{math.degrees(own) if degrees else own:.4g}"
-        return (*found, f"the swings are about {at} in this log, where the joint seems to hang: say so (--zero {at})")
-    return (*found, *_turned(A, b, command, hangs))
+        angle = math.remainder(middle + shift, 2.0 * math.pi)
+        at = f"{math.degrees(angle) if degrees else angle:.4g}"
+        return (*notes, f"the swings are about {at} in this log, where the joint seems to hang: say so (--zero {at})")
+    return (*notes, *_turned(A, b, command, hangs))
 
 
 def _middle_of_swings(A: Array, b: Array) -> float | None:
@@ -169,21 +169,21 @@ def _turned(A: Array, b: Array, command: str, hangs: bool) -> tuple[str, ...]:
         return ()
     hanging = "the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?"
     turned = f"a positive {command} lowers theta: is its sign turned round?"
-    found = []
+    notes = []
     share, unexplained = _shares(A, b)
     if hangs and unexplained < 0.3 and share[0] < -0.3:
-        found.append(hanging)
+        notes.append(hanging)
     if unexplained < 0.3 and share[1] < -min(0.3, max(0.1, 3.0 * math.sqrt(unexplained))):
-        found.append(turned)
-    if not found and np.ptp(A[:, 1]) > 0.0:
+        notes.append(turned)
+    if not notes and np.ptp(A[:, 1]) > 0.0:
         held = np.column_stack([A[:, 0], b, A[:, 2], np.sign(A[:, 2]), A[:, 3]])
         share, unexplained = _shares(held, A[:, 1])
         rubs = share[2] + share[3]
         if unexplained < 0.3 and abs(share[0]) > 0.5 and rubs < -0.1:
-            found.append(turned)
+            notes.append(turned)
         elif hangs and unexplained < 0.3 and share[0] > 0.5 and rubs > 0.0:
-            found.append(hanging)
-    return tuple(found)
+            notes.append(hanging)
+    return tuple(notes)
 
 
 def _shares(A: Array, b: Array) -> tuple[Array, float]:

@@ -56,9 +56,9 @@ def wanted_columns(columns: str | Mapping[str, str] | None, command: Command = "
     wanted = {"torque" if ours in (command, *ALSO_TORQUE) else ours: theirs for ours, theirs in pairs}
     for ours in wanted:
         if ours not in NAMES:
-            told = f"; where it is what the machine was told: --input {ours}" if ours in get_args(Command) else ""
+            hint = f"; where it is what the machine was told: --input {ours}" if ours in get_args(Command) else ""
             raise InvalidInput(
-                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle{told}"
+                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle{hint}"
             )
     return wanted
 
@@ -72,43 +72,43 @@ def _pairs(text: str) -> list[tuple[str, str]]:
 
 
 def chosen_columns(
-    name: str, found: Sequence[str], wanted: Mapping[str, str], command: Command = "torque"
+    name: str, titles: Sequence[str], wanted: Mapping[str, str], command: Command = "torque"
 ) -> dict[str, str]:
     """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found.
 
     A torque may be missing (a free swing), but not a `command` of another kind, for which the user has asked.
     """
-    listed = ", ".join(title for title in found if title) or "none"
+    listed = ", ".join(title for title in titles if title) or "none"
     for ours, theirs in wanted.items():
-        if theirs and theirs not in found:
+        if theirs and theirs not in titles:
             raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
-    settled = named_columns(found, command) | dict(wanted)
+    settled = named_columns(titles, command) | dict(wanted)
     chosen = {ours: theirs for ours, theirs in settled.items() if theirs}
     moves = "theta" in chosen or "theta_dot" in chosen
     if "t" in chosen and moves and (command == "torque" or "torque" in settled):
         return chosen
     missing = f"no {command} that the machine was told" if moves else "neither theta nor theta_dot"
     missing = missing if "t" in chosen else "no t"
-    likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(found, chosen).items()}
+    likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(titles, chosen).items()}
     pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely.items())
     which = f", perhaps columns {pairs}" if pairs else " (columns)"
     raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
 
 
-def named_columns(found: Sequence[str], command: Command = "torque") -> dict[str, str]:
+def named_columns(titles: Sequence[str], command: Command = "torque") -> dict[str, str]:
     """{our name: the file's name} of the columns that have our names.
 
     The command may go by its kind, u, command or force, but "position" most often names the angle that was read.
     """
-    own = {name: name for name in NAMES if name in found}
+    columns = {name: name for name in NAMES if name in titles}
     names = ("torque", *ALSO_TORQUE) if command == "position" else (command, "torque", *ALSO_TORQUE)
-    told = next((other for other in names if other in found), None)
-    return own if told is None else own | {"torque": told}
+    title = next((other for other in names if other in titles), None)
+    return columns if title is None else columns | {"torque": title}
 
 
-def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+def likely_columns(titles: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
     """A guess at {our name: the file's name} for what is not chosen yet, by the look of the file's names."""
-    likely, free = {}, [name for name in found if name not in chosen.values()]
+    likely, free = {}, [name for name in titles if name not in chosen.values()]
     for ours, pattern in LOOKS_LIKE.items():
         match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
         if match:
@@ -187,17 +187,17 @@ def with_signs(
     A servo's load, current or speed is a signed integer of 16 or 32 bits. If it is logged as unsigned, -1 becomes
     65535: the column then has integers near 0 and integers just below 2^16, but none in between.
     """
-    found, notes = dict(table), []
+    columns, notes = dict(table), []
     for key in ("theta", "theta_dot", "torque"):
-        values = found.get(key)
+        values = columns.get(key)
         bits = 0 if values is None else _register(values)
         if values is not None and bits:
-            found[key] = np.where(values >= 2.0 ** (bits - 1), values - 2.0**bits, values)
+            columns[key] = np.where(values >= 2.0 ** (bits - 1), values - 2.0**bits, values)
             notes.append(
                 f"{name}: column {titles[key]!r} jumps from 0 to {2**bits - 1}: taken for a signed number of {bits} "
                 "bits that was logged without its sign"
             )
-    return found, tuple(notes)
+    return columns, tuple(notes)
 
 
 def _register(values: Array) -> int:

@@ -51,18 +51,18 @@ def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
     order behind them. angle and speed (n,) are the errors: what is left of both channels once one linear filter has
     taken out the motion. edges (R,) are where each record's part ends.
     """
-    own, others, targets = [], [], []
+    past_speeds, others, targets = [], [], []
     before = min(BEFORE, len(speed) // 12)  # fewer in a short log
     for first, last in pairwise((0, *edges)):
         x, y = angle[first:last], speed[first:last]
         k = np.arange(max(before, OWN_SPEEDS), len(x) - AFTER)
         if len(k) > 0:
-            own.append(np.column_stack([y[k - i] for i in range(1, OWN_SPEEDS + 1)]))
+            past_speeds.append(np.column_stack([y[k - i] for i in range(1, OWN_SPEEDS + 1)]))
             others.append(np.column_stack([x[k - j] for j in range(-AFTER, before + 1)]))
             targets.append(y[k])
     if sum(map(len, targets)) < FEWEST_SPEEDS:
         return 1.0
-    past, b = np.concatenate(own), np.concatenate(targets)
+    past, b = np.concatenate(past_speeds), np.concatenate(targets)
     both = np.column_stack([past, np.concatenate(others)])
     alone, together = (float(np.sum(_rest(A, b) ** 2)) / (len(b) - A.shape[1]) for A in (past, both))
     return together / alone if alone > 0.0 else 1.0
@@ -114,19 +114,19 @@ def follows_readings(records: Sequence[Record]) -> bool:
     nothing of a torque's innovations beyond its own past, in a closed one nearly all; three quarters are asked for.
     False where there is too little to compare.
     """
-    own, readings, targets, seen = [], [], [], 0
+    past_torques, readings, targets, seen = [], [], [], 0
     for r in records:
         channels = [y for y in (r.theta, r.theta_dot) if y is not None and len(y) >= len(r)]
         k = np.arange(max(OWN_TORQUES, LATE), min(len(r), MOST_TORQUES - seen))
         if not channels or len(k) == 0:
             continue
         seen += len(k)
-        own.append(np.column_stack([np.ones(len(k)), *(r.u[k - i] for i in range(1, OWN_TORQUES + 1))]))
+        past_torques.append(np.column_stack([np.ones(len(k)), *(r.u[k - i] for i in range(1, OWN_TORQUES + 1))]))
         readings.append(np.column_stack([y[k - j] - y.mean() for y in channels for j in range(LATE + 1)]))
         targets.append(r.u[k])
     if seen < FEWEST_TORQUES or len({a.shape[1] for a in readings}) > 1:
         return False
-    A, Y, u = np.concatenate(own), np.concatenate(readings), np.concatenate(targets)
+    A, Y, u = np.concatenate(past_torques), np.concatenate(readings), np.concatenate(targets)
     alone = _innovation(A, u)
     return alone > 1e-9 * float(np.std(u)) and _innovation(np.column_stack([A, Y]), u) ** 2 < FOLLOWS * alone**2
 

@@ -83,14 +83,14 @@ def fresh(values: Array, rows: float) -> NDArray[np.intp]:
     """
     changed = np.diff(values) != 0.0
     edges = np.concatenate(([0], np.flatnonzero(changed) + 1, [len(changed) + 1]))
-    found: list[int] = []
+    fresh_rows: list[int] = []
     for k, (first, last) in enumerate(pairwise(edges.tolist())):
         again = max(round((last - first) / rows), 1)
         if k == 0:  # counted from its end: when it came is unknown
-            found += [row for row in (last - round(rows * i) for i in range(again, 0, -1)) if row >= first]
+            fresh_rows += [row for row in (last - round(rows * i) for i in range(again, 0, -1)) if row >= first]
         else:
-            found += [first + round(rows * i) for i in range(again)]
-    return np.unique(np.array(found, dtype=np.intp))
+            fresh_rows += [first + round(rows * i) for i in range(again)]
+    return np.unique(np.array(fresh_rows, dtype=np.intp))
 
 
 def changes_together(held: Array, other: Array) -> bool:

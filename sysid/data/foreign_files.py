@@ -57,10 +57,10 @@ def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        found: dict[str, Any] = {}
+        members: dict[str, Any] = {}
         for name, item in _members(h5py, file):
-            found.update(dict(_members(h5py, item)) if isinstance(item, h5py.Group) else {name: item})
-        sets = {name: item for name, item in found.items() if isinstance(item, h5py.Dataset)}
+            members.update(dict(_members(h5py, item)) if isinstance(item, h5py.Group) else {name: item})
+        sets = {name: item for name, item in members.items() if isinstance(item, h5py.Dataset)}
         if columns is None:
             return dict.fromkeys(sets)
         for name in columns.values():

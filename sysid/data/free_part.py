@@ -89,7 +89,7 @@ def _turns(theta: Array) -> NDArray[np.intp]:
     from scipy.signal import find_peaks  # loads for a fifth of a second
 
     way = float(np.ptp(theta))
-    turns = [find_peaks(own, prominence=TURNS * way)[0] for own in (theta, -theta)]
+    turns = [find_peaks(angle, prominence=TURNS * way)[0] for angle in (theta, -theta)]
     return np.sort(np.concatenate(turns))
 
 
@@ -108,8 +108,8 @@ def _irregular(theta: Array) -> int:
     period = (turns[2:] - turns[:-2]).astype(float)
     amplitude = np.minimum(0.25 * (way[1:] + way[:-1]), 3.0)
     laws = (period, period / ellipk(np.sin(0.5 * amplitude) ** 2))
-    deviations = [np.abs(own / np.median(own[later]) - 1.0) for own in laws]
-    deviation = min(deviations, key=lambda own: float(np.median(own[later])))
+    deviations = [np.abs(law / np.median(law[later]) - 1.0) for law in laws]
+    deviation = min(deviations, key=lambda values: float(np.median(values[later])))
     limit = max(LARGEST_DEVIATION, OUTLYING * float(np.median(deviation[later])))
     off = deviation[: MOST_IRREGULAR + 1] > limit
     return int(turns[np.argmin(off)]) if off[0] and not off[-1] else 0

@@ -59,10 +59,10 @@ class Reader:
             self.process.stdin.write(json.dumps(question).encode() + b"\n")
             self.process.stdin.flush()
             refused, sizes = json.loads(self.process.stdout.readline())
-            found = {title: self.process.stdout.read(8 * size) for title, size in sizes.items()}
-            if any(len(found[title]) < 8 * size for title, size in sizes.items()):
+            contents = {title: self.process.stdout.read(8 * size) for title, size in sizes.items()}
+            if any(len(contents[title]) < 8 * size for title, size in sizes.items()):
                 raise EOFError
-            return refused, {title: np.frombuffer(content).copy() for title, content in found.items()}
+            return refused, {title: np.frombuffer(content).copy() for title, content in contents.items()}
         except (BrokenPipeError, ValueError):
             raise EOFError from None
         finally:
@@ -88,7 +88,7 @@ def read_guarded(kind: str, path: Path, joint: str, columns: Mapping[str, str] |
         if _reader is None or not _reader.ready:
             _reader = Reader()  # it ends when its input does: with this program
         try:
-            refused, found = _reader.ask(kind, os.fspath(path.absolute()), columns, joint)
+            refused, arrays = _reader.ask(kind, os.fspath(path.absolute()), columns, joint)
         except BaseException as error:
             _reader.end()
             if not isinstance(error, EOFError):
@@ -98,7 +98,7 @@ def read_guarded(kind: str, path: Path, joint: str, columns: Mapping[str, str] |
             ) from None
     if refused:
         raise InvalidInput(refused)
-    return found
+    return arrays
 
 
 def answer_questions() -> None:
@@ -122,8 +122,8 @@ def _limit() -> None:
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
     (reader, expected), name, arrays, refused = READERS[kind], Path(path).name, dict[str, Array](), ""
     try:
-        found = reader(Path(path), columns, joint)
-        arrays = {n: np.empty(0) if columns is None else column(name, columns[n], v) for n, v in found.items()}
+        raw = reader(Path(path), columns, joint)
+        arrays = {n: np.empty(0) if columns is None else column(name, columns[n], v) for n, v in raw.items()}
     except InvalidInput as refusal:
         refused = str(refusal)
     except MemoryError:

@@ -45,10 +45,10 @@ def stamp_jitter(angles: Sequence[Array], dt: float, floor: float) -> tuple[floa
     the `floor` [rad] of rounding, squared. The right side is fitted by least absolute deviations of logarithms, which
     one odd bin does not bend. What seems to be jitter but falls with m is fast motion.
     """
-    found = [_by_order(angles, dt, m, floor) for m in DIFFERENCE_ORDERS]
-    if any(jitter == 0.0 for jitter, _ in found) or found[0][0] > AGREE * found[-1][0]:
+    estimates = [_by_order(angles, dt, m, floor) for m in DIFFERENCE_ORDERS]
+    if any(jitter == 0.0 for jitter, _ in estimates) or estimates[0][0] > AGREE * estimates[-1][0]:
         return 0.0, 0.0
-    return min(found)
+    return min(estimates)
 
 
 def _by_order(angles: Sequence[Array], dt: float, m: int, floor: float) -> tuple[float, float]:
@@ -62,16 +62,16 @@ def _by_order(angles: Sequence[Array], dt: float, m: int, floor: float) -> tuple
     if len(error) < BINS * FEWEST_ERRORS:
         return 0.0, 0.0
     bins = np.array_split(np.argsort(speed), BINS)
-    variance = np.array([max(float(np.median(error[own])) / 0.6745, floor) ** 2 for own in bins])
-    square = np.array([float(np.mean(speed[own] ** 2)) for own in bins])
+    variance = np.array([max(float(np.median(error[rows])) / 0.6745, floor) ** 2 for rows in bins])
+    square = np.array([float(np.mean(speed[rows] ** 2)) for rows in bins])
     mean = float(np.mean(square))
     if not (mean > 0.0 and np.all(variance > 0.0)):
         return 0.0, 0.0
     ratios = np.array([0.0, *VARIANCE_RATIOS])
-    own = np.log(variance) - np.log1p(ratios[:, None] * square / mean)
-    misfit = np.sum(np.abs(own - np.median(own, axis=1, keepdims=True)), axis=1)
+    log_own_variance = np.log(variance) - np.log1p(ratios[:, None] * square / mean)
+    misfit = np.sum(np.abs(log_own_variance - np.median(log_own_variance, axis=1, keepdims=True)), axis=1)
     best = int(np.argmin(misfit))
     if misfit[best] >= BETTER * misfit[0]:
         return 0.0, 0.0
-    sd = math.exp(0.5 * float(np.median(own[best])))
+    sd = math.exp(0.5 * float(np.median(log_own_variance[best])))
     return sd * math.sqrt(float(ratios[best]) / mean), sd

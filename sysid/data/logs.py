@@ -91,7 +91,7 @@ def needed_rate(records: Sequence[Record]) -> float:
     count; its level is taken from the upper half of the frequencies.
     """
     fastest, longest = 0.0, max(map(len, records))
-    for r in (own for own in records if len(own) >= SHORT_PIECE * longest):
+    for r in (record for record in records if len(record) >= SHORT_PIECE * longest):
         y = r.theta
         if not r.has_angles and r.theta_dot is not None:
             y = r.dt * np.cumsum(r.theta_dot)

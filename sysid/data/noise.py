@@ -36,7 +36,7 @@ ERRORS = 6
 """An order of difference so high that next to nothing of the motion is left, and what remains are errors."""
 
 
-class _Found(NamedTuple):
+class _ChannelNoise(NamedTuple):
     """The noise of one channel: the sd of its errors, the relative standard error of that, the sd of its stamps [s],
     whether errors were seen at all, the quantisation step (0: negligible), and notes on what is unusual."""
 
@@ -73,8 +73,8 @@ class Noise:
         """The sd of each channel with its standard error, in the units of `plant` (default: one that turns); then
         notes."""
         units = UNITS if plant is None else {channel: plant.unit(unit) for channel, unit in UNITS.items()}
-        found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
-        return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))
+        parts = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
+        return "; ".join(("sensor noise: " + ", ".join(parts), *self.notes))
 
     def __str__(self) -> str:
         return self.sentence()
@@ -122,7 +122,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     The differences are von Neumann's (Ann. Math. Statist. 12 (1941) 153), the cubics Savitzky and Golay's (Anal. Chem.
     36 (1964) 1627).
     """
-    records, found = as_read(tuple_of_records(records)), dict[str, _Found]()
+    records, channels = as_read(tuple_of_records(records)), dict[str, _ChannelNoise]()
     if follows_readings(records):  # such a torque would explain the noise that it was computed from
         records = [replace(r, u=np.zeros(len(r))) for r in records]
     for channel in ("theta", "theta_dot"):
@@ -131,19 +131,22 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
             continue
         if all(np.all(y == y[0]) for y, _ in series):
             raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
-        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt)
-    if not found:
+        channels[channel] = _channel(channel, list(_blocks(series)), records[0].dt)
+    if not channels:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
-    reason = _computed(records, found["theta"].seen) if len(found) == 2 else ""
+    reason = _computed(records, channels["theta"].seen) if len(channels) == 2 else ""
     said = []
     if reason:
-        del found["theta_dot"]
+        del channels["theta_dot"]
         said.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
     return Noise(
-        Sensor(**{channel: own.sd for channel, own in found.items()}, jitter=max(own.jitter for own in found.values())),
-        {channel: own.error for channel, own in found.items()},
-        {channel: own.step for channel, own in found.items() if own.step},
-        (*(note for own in found.values() for note in own.notes), *said),
+        Sensor(
+            **{channel: noise.sd for channel, noise in channels.items()},
+            jitter=max(noise.jitter for noise in channels.values()),
+        ),
+        {channel: noise.error for channel, noise in channels.items()},
+        {channel: noise.step for channel, noise in channels.items() if noise.step},
+        (*(note for noise in channels.values() for note in noise.notes), *said),
     )
 
 
@@ -180,7 +183,7 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
     yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in stretches[::every])
 
 
-def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> _Found:
+def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> _ChannelNoise:
     power, notes = 2 if channel == "theta" else 1, list[str]()
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantisation_step([y for y, _ in series])
@@ -216,7 +219,7 @@ def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> 
     rounded = step if step > 0.3 * max(sd, floor) else 0.0
     if rounded:
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
-    return _Found(max(sd, floor), error, jitter, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
+    return _ChannelNoise(max(sd, floor), error, jitter, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
 
 
 # ---- linear filters that leave the noise and take out the motion -----------------------------------------------------
@@ -238,21 +241,21 @@ def _beside_cubic(width: int) -> Array:
 
 def _by_differences(spread_after: Callable[[Array], tuple[float, int]]) -> tuple[float, int, bool]:
     """(sd, number of residuals, whether it settled) at the lowest order of difference that the next two confirm."""
-    found: list[tuple[float, int]] = []
+    estimates: list[tuple[float, int]] = []
     for order in ORDERS:
         sd, n = spread_after(_difference(order))
         if math.isnan(sd):
             break
-        found.append((sd, n))
-        if len(found) >= 3:
+        estimates.append((sd, n))
+        if len(estimates) >= 3:
             tolerance = 0.01 + 0.6 / math.sqrt(n)
-            (first, n), (second, _), (third, _) = found[-3:]
+            (first, n), (second, _), (third, _) = estimates[-3:]
             if first <= (1.0 + tolerance) * min(second, third):
                 return first, n, True
-    if not found:
+    if not estimates:
         return math.nan, 0, False
-    sd, n = min(found)
-    return sd, n, len(found) < 3
+    sd, n = min(estimates)
+    return sd, n, len(estimates) < 3
 
 
 def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
@@ -262,11 +265,11 @@ def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
     faster with w (in the end as w^4; kinks as w^1.5). If s falls at first, or rises at once and then ever more slowly,
     neighbouring errors are correlated, and their sd is s at the width at which it changes least.
     """
-    found = np.array([(width, *spread_after(_beside_cubic(width))) for width in WIDTHS])
-    found = found[found[:, 2] > 0]  # at a width that is too wide for the motion, no residuals are left
-    if len(found) < 4:
+    spreads = np.array([(width, *spread_after(_beside_cubic(width))) for width in WIDTHS])
+    spreads = spreads[spreads[:, 2] > 0]  # at a width that is too wide for the motion, no residuals are left
+    if len(spreads) < 4:
         return 0.0
-    widths, s, residuals = found.T
+    widths, s, residuals = spreads.T
     growth = np.diff(np.log(s)) / np.diff(np.log(widths))
     unsure = 1.0 / math.sqrt(residuals[0])
     falls = min(s[1:4]) < s[0] * (0.98 - unsure)

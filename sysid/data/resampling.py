@@ -223,12 +223,12 @@ def _lasts(rows: Rows, dt: float | None, least: int) -> bool:
 def _rates(rollouts: Sequence[Sequence[Rows]]) -> dict[str, float]:
     """The typical step [s] of each rollout, and of each piece between gaps that is long enough to have a rate of its
     own."""
-    found = {}
+    typical = {}
     for pieces in rollouts:
         steps = np.concatenate([np.diff(p.t) for p in pieces])
-        found[pieces[0].name] = float(np.median(steps))
-        found |= {p.name: p.step for p in pieces if len(p.t) >= WITNESS * (len(steps) + len(pieces))}
-    return found
+        typical[pieces[0].name] = float(np.median(steps))
+        typical |= {p.name: p.step for p in pieces if len(p.t) >= WITNESS * (len(steps) + len(pieces))}
+    return typical
 
 
 def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | None) -> float:
@@ -260,8 +260,10 @@ def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | No
 def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
     """A record on an even grid: the rows themselves if they are even, else the nearest row for each instant."""
     n, read = len(rows.t) - 1, rows.take(rows.read)
-    own = (rows.t[-1] - rows.t[0]) / n
-    even = np.max(np.abs(rows.t - rows.t[0] - own * np.arange(n + 1))) <= 0.004 * dt and abs(own - dt) * n <= 0.02 * dt
+    step = (rows.t[-1] - rows.t[0]) / n
+    even = (
+        np.max(np.abs(rows.t - rows.t[0] - step * np.arange(n + 1))) <= 0.004 * dt and abs(step - dt) * n <= 0.02 * dt
+    )
     if even and len(read.t) == n + 1:
         return Record(rows.t, rows.torque[:-1], rows.theta, rows.theta_dot, name=rows.name, origin=rows.origin)
     start = rows.t[0] + float(np.median(rows.t - rows.t[0] - dt * np.round((rows.t - rows.t[0]) / dt)))

@@ -42,10 +42,10 @@ def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[t
     for channel in range(2):
         known = [np.isfinite(sds[:, channel]) for _, sds in read]
         values = [v[at, channel] for (v, _), at in zip(read, known, strict=True)]
-        own = [sds[at, channel] for (_, sds), at in zip(read, known, strict=True)]
+        known_sds = [sds[at, channel] for (_, sds), at in zip(read, known, strict=True)]
         rounded[channel] = quantisation_step(values)
         if any(map(len, values)):
-            clear[channel] = np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate(own))
+            clear[channel] = np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate(known_sds))
     least = STEADY * float(np.std(np.concatenate([r.u for r in records])))
     return [
         _means(values, sds, _representatives(values, sds, clear, record, least), rounded)
@@ -80,7 +80,7 @@ def _moments(y: Array, half: int) -> tuple[Array, Array]:
     """The running mean and sd (K,) of y (K,), over `half` samples on either side."""
     at, middle = np.arange(len(y)), float(np.mean(y))
     first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(y))
-    sums = (np.append(0.0, np.cumsum(own)) for own in (y - middle, (y - middle) ** 2))
+    sums = (np.append(0.0, np.cumsum(terms)) for terms in (y - middle, (y - middle) ** 2))
     mean, square = ((total[last] - total[first]) / (last - first) for total in sums)
     return mean + middle, np.sqrt(np.maximum(square - mean**2, 0.0))
 

@@ -30,25 +30,25 @@ def spikes(y: Array) -> NDArray[np.bool_]:
     At the ends of a log, where there is one side only, readings beyond the largest step by far are spikes: what a
     sensor shows before it is ready, for example.
     """
-    found = np.zeros(len(y), dtype=bool)
+    is_spike = np.zeros(len(y), dtype=bool)
     if len(y) < 4 * REACH:
-        return found
+        return is_spike
     third = np.diff(y, REACH)
     known = third[np.isfinite(third)]
     if not len(known):
-        return found
+        return is_spike
     typical = max(float(np.median(np.abs(known))) / 0.6745, quantisation_step([y[np.isfinite(y)]]))
     least = max(BEYOND * typical, SMALLEST * float(np.nanstd(y)))
     before, after = third[:-REACH], -third[REACH:]
     size = np.minimum(np.abs(before), np.abs(after))
     for k in np.flatnonzero((size > least) & (np.abs(before - after) < AGREEMENT * size)):
         clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + REACH + 1 : k + 3 * REACH + 1]])
-        found[k + REACH] = size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0)
-    read = np.flatnonzero(np.isfinite(y) & ~found)
+        is_spike[k + REACH] = size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0)
+    read = np.flatnonzero(np.isfinite(y) & ~is_spike)
     if len(read) < 4 * REACH:
-        return found
+        return is_spike
     steps = np.abs(np.diff(y[read]))
     large = np.flatnonzero(steps > max(ALONE * np.max(steps[REACH:-REACH], initial=0.0), least))
-    found[read[: 1 + np.max(large[large < REACH], initial=-1)]] = True
-    found[read[1 + np.min(large[large >= REACH], initial=len(steps)) :]] = True
-    return found
+    is_spike[read[: 1 + np.max(large[large < REACH], initial=-1)]] = True
+    is_spike[read[1 + np.min(large[large >= REACH], initial=len(steps)) :]] = True
+    return is_spike

@@ -87,14 +87,14 @@ def run_file(path: Path, name: str) -> ModuleType:
 
 def blamed(error: BaseException) -> InvalidInput | None:
     """An InvalidInput that names the line of a user's file that raised the error; None if it came from elsewhere."""
-    traceback, found = error.__traceback__, None
+    traceback, refusal = error.__traceback__, None
     while traceback is not None:
         code = traceback.tb_frame
         if code.f_globals.get("__name__", "").startswith(f"{__name__}:"):
             place = f"{Path(code.f_code.co_filename).name}, line {traceback.tb_lineno}"
-            found = InvalidInput(f"{place} raises {_described(error)}")
+            refusal = InvalidInput(f"{place} raises {_described(error)}")
         traceback = traceback.tb_next
-    return found
+    return refusal
 
 
 def _described(error: BaseException) -> str:

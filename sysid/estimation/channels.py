@@ -84,9 +84,9 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
     if not targets:
         return 0.0, 0.0
     A, b = np.concatenate(regressors), np.concatenate(targets)
-    found = np.linalg.lstsq(A, b, rcond=None)[0]
-    rest = b - A @ found
-    off = abs(found[2]) * float(np.sqrt(np.mean(A[:, 2] ** 2))) / COMPARED_OVER / float(sensor.theta_dot or math.inf)
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    rest = b - A @ solution
+    off = abs(solution[2]) * float(np.sqrt(np.mean(A[:, 2] ** 2))) / COMPARED_OVER / float(sensor.theta_dot or math.inf)
     return float(rest @ rest) / max(len(b) - 2 - filtered, 1) / expected, off
 
 

@@ -71,9 +71,9 @@ class HalfSwing(NamedTuple):
 
 def half_swings(samples: Samples) -> list[HalfSwing]:
     """The half swings of all records along the smoothed readings, without those in which the joint hardly moves."""
-    found = [own for record in range(len(samples.records)) for own in _of_record(samples, record)]
-    ways = [abs(own.theta[-1] - own.theta[0]) for own in found]
-    return [own for own, way in zip(found, ways, strict=True) if way > SMALLEST_WAY * max(ways)]
+    swings = [swing for record in range(len(samples.records)) for swing in _of_record(samples, record)]
+    ways = [abs(swing.theta[-1] - swing.theta[0]) for swing in swings]
+    return [swing for swing, way in zip(swings, ways, strict=True) if way > SMALLEST_WAY * max(ways)]
 
 
 def _of_record(samples: Samples, record: int) -> Iterator[HalfSwing]:
@@ -115,18 +115,18 @@ class Path:
     """N half swings one after the other: theta, theta_dot, t (K,) along them, and `places` (N, PLACES) between their
     turning points. `adjacent` (N-1,) says which of them share a turning point with the next."""
 
-    def __init__(self, samples: Samples, found: Sequence[HalfSwing]) -> None:
-        self.samples, self.found = samples, found
-        self.theta, self.theta_dot, self.t = (np.concatenate([own[i] for own in found]) for i in range(3))
-        ends = np.cumsum([len(own.t) for own in found])
+    def __init__(self, samples: Samples, swings: Sequence[HalfSwing]) -> None:
+        self.samples, self.swings = samples, swings
+        self.theta, self.theta_dot, self.t = (np.concatenate([swing[i] for swing in swings]) for i in range(3))
+        ends = np.cumsum([len(swing.t) for swing in swings])
         self.begins = np.concatenate([[0], ends[:-1]])
         self.steps = np.diff(self.t, append=0.0)
         self.steps[ends - 1] = 0.0
-        self.places = np.array([np.linspace(own.theta[0], own.theta[-1], PLACES) for own in found])
-        self.adjacent = np.array([a.record == b.record and a.t[-1] == b.t[0] for a, b in pairwise(found)], dtype=bool)
+        self.places = np.array([np.linspace(swing.theta[0], swing.theta[-1], PLACES) for swing in swings])
+        self.adjacent = np.array([a.record == b.record and a.t[-1] == b.t[0] for a, b in pairwise(swings)], dtype=bool)
 
     def __len__(self) -> int:
-        return len(self.found)
+        return len(self.swings)
 
     def integral(self, rate: Array) -> Array:
         """The integral (N,) of a rate (K,) over the time of each half swing."""
@@ -141,7 +141,7 @@ class Path:
         done = np.sum(0.5 * (torque[:, 1:] + torque[:, :-1]) * np.diff(theta, axis=1), axis=1)
         at_turns = np.sqrt(0.5 * (torque[:, 0] ** 2 + torque[:, -1] ** 2))
         ends = theta[:, [0, -1]] - np.mean(theta)
-        scale = np.stack([np.diff(torque[:, [0, -1]] * own)[:, 0] for own in (np.ones_like(ends), ends**2)], axis=1)
+        scale = np.stack([np.diff(torque[:, [0, -1]] * shift)[:, 0] for shift in (np.ones_like(ends), ends**2)], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):  # of a model that nothing brings back
             return Work(done / at_turns, scale / at_turns[:, None], at_turns)
 
@@ -150,9 +150,9 @@ class Path:
         theta, speed, still = self.theta - self._zero(model), self.theta_dot, np.zeros_like(self.theta)
         forward, backward = model.deceleration(theta, speed, self.t, still)
         dry = np.where(speed > 0.0, forward, backward) * np.abs(speed)
-        at_rest, moving = (model.acceleration(theta, own, self.t, still) for own in (still, speed))
-        found = self.integral(model.inertia() * (dry + (at_rest - moving) * speed))
-        return found - self._done_inside(model) if model.dynamic_effects else found
+        at_rest, moving = (model.acceleration(theta, velocity, self.t, still) for velocity in (still, speed))
+        loss = self.integral(model.inertia() * (dry + (at_rest - moving) * speed))
+        return loss - self._done_inside(model) if model.dynamic_effects else loss
 
     def _done_inside(self, model: Model) -> Array:
         """The work [J] of the effects that have states of their own, on the joint."""
@@ -160,10 +160,10 @@ class Path:
         speed = samples.smoothed[:, 1]
         stretch = Stretch(samples.dt, speed, np.append(speed[1:], 0.0), np.diff(samples.smoothed[:, 0], append=0.0))
         done = np.zeros(len(samples) + 1)
-        for own in model.dynamic_effects:
-            torque, _, _ = own.follow(tuple(samples.follow_smoothed([own])[0].T), stretch)
+        for dynamic_effect in model.dynamic_effects:
+            torque, _, _ = dynamic_effect.follow(tuple(samples.follow_smoothed([dynamic_effect])[0].T), stretch)
             done[1:] += np.cumsum(torque * stretch.travel)
-        return np.array([done[own.intervals.stop] - done[own.intervals.start] for own in self.found])
+        return np.array([done[swing.intervals.stop] - done[swing.intervals.start] for swing in self.swings])
 
     def _zero(self, model: Model) -> float:
         """By how much the model's sensor reads too large, on average [rad]."""
@@ -209,11 +209,11 @@ class EnergyBalance:
 
         The covariance and the half swings that count are found beside the likeliest frictions, whatever the model has.
         """
-        told = not samples.driven and bool(np.mean(samples.weight[:, 0] > 0.0) > 0.5)
-        found = half_swings(samples) if told else []
-        if len(found) < FEWEST:
+        applies = not samples.driven and bool(np.mean(samples.weight[:, 0] > 0.0) > 0.5)
+        swings = half_swings(samples) if applies else []
+        if len(swings) < FEWEST:
             return None
-        path = Path(samples, found)
+        path = Path(samples, swings)
         work = path.work(model)
         if not np.all(work.torque > 0.0):
             return None
@@ -224,10 +224,10 @@ class EnergyBalance:
             errors = _balanced(path, work, columns, counts).errors
             off = np.abs(errors - np.median(errors[counts]))
             counts = off <= OUTLYING * ROBUST_SD * float(np.median(off[counts]))
-        sets = [own for n in (1, 2, 3) for own in combinations(range(3), n)]
-        fitted = {own: _balanced(path, work, columns[:, own], counts) for own in sets}
+        sets = [subset for n in (1, 2, 3) for subset in combinations(range(3), n)]
+        fitted = {subset: _balanced(path, work, columns[:, subset], counts) for subset in sets}
         each = math.log(len(path)) + PRICE
-        best = min(sets, key=lambda own: fitted[own].deviance + each * len(own))
+        best = min(sets, key=lambda subset: fitted[subset].deviance + each * len(subset))
         scale, _ = np.linalg.qr(_whitened(fitted[best].L, work.scale[counts]))
         sizes = zip(best, fitted[best].sizes, strict=True)
         frictions = tuple(_with_size(FRICTIONS[k], size) for k, size in sizes if size > 0.0)
@@ -281,7 +281,7 @@ def _whitened(L: Array, rows: Array) -> Array:
 def _balanced(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_]) -> _Balanced:
     """The likeliest balance with frictions that take `columns` (N, F) per size, over the shares of SHARED."""
     fits = [_balanced_with(path, work, columns, counts, shared) for shared in SHARED]
-    return min(fits, key=lambda own: own.deviance)
+    return min(fits, key=lambda fit: fit.deviance)
 
 
 def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bool_], shared: float) -> _Balanced:
@@ -291,7 +291,7 @@ def _balanced_with(path: Path, work: Work, columns: Array, counts: NDArray[np.bo
     adjacent = path.adjacent[kept[:-1]] & (np.diff(kept) == 1)
     L = cholesky_banded([np.ones(len(kept)), np.append(-0.5 * shared * adjacent, 0.0)], lower=True)
     every = np.column_stack([columns, work.scale, -work.scale])
-    white, target = (_whitened(L, own[counts]) for own in (every, work.loss))
+    white, target = (_whitened(L, values[counts]) for values in (every, work.loss))
     numbers, _ = nnls(white, target)
     variance = max(float(np.mean((target - white @ numbers) ** 2)), LEAST_VARIANCE)
     deviance = len(target) * math.log(variance) + 2.0 * float(np.sum(np.log(L[0])))

@@ -97,25 +97,25 @@ class Estimate:
         size, direction = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         if np.all(size > 0.5**2):
             return unknown
-        found = []
+        sentences = []
         for variance, v in zip(size, direction.T, strict=True):
             if variance > 0.5**2:
                 parts = [n for n, w in zip(self.names, v, strict=True) if abs(w) > 0.3]
                 if len(parts) == 1:
-                    found.append(f"{parts[0]} is poorly determined by these records")
+                    sentences.append(f"{parts[0]} is poorly determined by these records")
                 else:
-                    found.append(f"{' and '.join(parts)} cannot be told apart by these records")
-        return tuple(found)
+                    sentences.append(f"{' and '.join(parts)} cannot be told apart by these records")
+        return tuple(sentences)
 
     @property
     def at_bound(self) -> tuple[str, ...]:
         """The fitted parameters that ended at a bound: less than a thousandth of their sd from it."""
-        parameters, sd, found = self.model.parameters, self.sd, []
+        parameters, sd, names = self.model.parameters, self.sd, []
         for name, value in self.values.items():
             near = 1e-6 * parameters[name].scale + (1e-3 * sd[name] if math.isfinite(sd[name]) else 0.0)
             if min(abs(value - b) for b in parameters[name].bounds) < near:
-                found.append(name)
-        return tuple(found)
+                names.append(name)
+        return tuple(names)
 
     @property
     def units(self) -> dict[str, str]:

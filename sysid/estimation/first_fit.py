@@ -29,7 +29,7 @@ def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
     """Fit a model from far off: first beside friction that it may lack, then by itself. Of several initial guesses, the
     fit that ends likeliest counts."""
     fits = [without_common(helped, model, names) for helped in first_fits(samples, model, names)]
-    return min(fits, key=lambda own: own.deviance)
+    return min(fits, key=lambda fit: fit.deviance)
 
 
 def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit]:
@@ -39,7 +39,7 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
     is reached nearly always looks like a larger inertia, and no slope leads from there to it. The same holds for a
     drive that lets the joint coast, if it was given one command and none.
     """
-    found: list[Fit] = []
+    fits: list[Fit] = []
     guesses = [(guess, tuple(names)) for guess in initial_guesses(model, names, samples.records, samples.sensor)]
     for beside, effect in ((limited_guess, Saturation.name), (coasting_guess, CoastingDrive.name)):
         special = beside(model, names, samples.records, samples.sensor)
@@ -47,9 +47,9 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
             guesses.append((special, (*names, *special.names_of(effect))))
     for guess, free in guesses:
         helped = with_common(samples, guess, free)
-        if all(abs(math.log(helped.inertia / other.inertia)) > EQUAL_INERTIA for other in found):
-            found.append(helped)
-    return found
+        if all(abs(math.log(helped.inertia / other.inertia)) > EQUAL_INERTIA for other in fits):
+            fits.append(helped)
+    return fits
 
 
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
@@ -61,11 +61,11 @@ def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
     for kind in (CATALOGUE[name] for name in COMMON if name not in given):
         if braked and kind.brakes:
             continue
-        own = kind().at_beginning(extent)
-        begun = begun.with_effect(own)
-        more += begun.names_of(own.name)
-    found = fit_parameters(samples, begun, (*names, *more))
-    return found if found.undisturbed else with_best_memory(found)
+        effect = kind().at_beginning(extent)
+        begun = begun.with_effect(effect)
+        more += begun.names_of(effect.name)
+    fitted = fit_parameters(samples, begun, (*names, *more))
+    return fitted if fitted.undisturbed else with_best_memory(fitted)
 
 
 def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
@@ -75,7 +75,7 @@ def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
     return fit_parameters(near.samples, plain, names, near, replace(likely, s=2.0 * likely.s))
 
 
-def with_best_memory(found: Fit) -> Fit:
+def with_best_memory(fitted: Fit) -> Fit:
     """The fit with the correlation time T of the random torque that is likeliest, or with one that predicts better.
 
     What a machine lacks is no Gaussian process. Where slow torques and rare jolts (a gear that reverses) are missing, a
@@ -85,28 +85,28 @@ def with_best_memory(found: Fit) -> Fit:
     The angle of a free swing, or speeds that share an error, may have a smooth error, too, if that makes the log
     likelier by more than chance.
     """
-    likely = with_likely_shared_error(found)
-    if found.samples.shared or not found.samples.driven:
-        begins = (likely, with_smooth_error(found))
-        rough, smooth = (continued(found, own) for own in begins)
+    likely = with_likely_shared_error(fitted)
+    if fitted.samples.shared or not fitted.samples.driven:
+        begins = (likely, with_smooth_error(fitted))
+        rough, smooth = (continued(fitted, disturbances) for disturbances in begins)
         if smooth.deviance < rough.deviance - NUMBERS_GAIN and smooth.errs_by_little:
-            found, likely = smooth, smooth.disturbances
-    fits = [continued(found, likely.with_memory(T)) for T in FIRST_CORRELATION_TIMES]
-    best = min(fits, key=lambda own: own.deviance)
-    errors = {own: left_out_errors(own, HORIZON, BLOCKS) for own in fits}
-    for own in sorted(fits, key=lambda own: errors[own].ratio):
-        gain, sd = errors[own].gain(errors[best])
+            fitted, likely = smooth, smooth.disturbances
+    fits = [continued(fitted, likely.with_memory(T)) for T in FIRST_CORRELATION_TIMES]
+    best = min(fits, key=lambda f: f.deviance)
+    errors = {f: left_out_errors(f, HORIZON, BLOCKS) for f in fits}
+    for fit in sorted(fits, key=lambda f: errors[f].ratio):
+        gain, sd = errors[fit].gain(errors[best])
         if gain > sd:
-            return own
+            return fit
     return _with_finer_memory(best)
 
 
-def _with_finer_memory(found: Fit) -> Fit:
+def _with_finer_memory(fitted: Fit) -> Fit:
     """The fit with a correlation time between those that were tried, if that is likelier by more than chance. With a
     wrong one, slow or fast errors are blamed on the parameters, and their intervals are too narrow."""
-    system, now = found.linearised.system, found.disturbances
+    system, now = fitted.linearised.system, fitted.disturbances
     between = [T for T in (now.T / 3.0, now.T * 3.0) if FIRST_CORRELATION_TIMES[0] < T < FIRST_CORRELATION_TIMES[-1]]
     likely = maximum_likelihood(system, map(now.with_memory, between))
-    if found.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
-        return found
-    return continued(found, likely)
+    if fitted.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
+        return fitted
+    return continued(fitted, likely)

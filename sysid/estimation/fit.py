@@ -104,9 +104,9 @@ def _from_neutral(samples: Samples, model: Model, names: tuple[str, ...]) -> Fit
         plain = plain.without_effect(effect.name)
     now = first_fit(samples, plain, [n for n in names if n in plain.parameters])
     for effect in idle:
-        found = score(now, candidates_for(type(effect), samples.extent(plain, type(effect))))
-        begun = found.best.at(found.sizes) if found else effect
-        own = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
-        now = extended(now, [own])
+        scored = score(now, candidates_for(type(effect), samples.extent(plain, type(effect))))
+        begun = scored.best.at(scored.sizes) if scored else effect
+        sized = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
+        now = extended(now, [sized])
     numbers = {n: float(now.model.parameters[n].value) for n in names}
     return prediction_error(samples, model.with_parameters(numbers), names, now)

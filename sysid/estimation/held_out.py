@@ -146,11 +146,11 @@ def refit_windows(
 def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
     """The states (K, 2) of refitted windows at the first instants of others."""
     begins = np.array([(w.record, w.begin) for w in fit.response.windows])
-    found = []
+    states = []
     for w in windows:
         i = int(np.flatnonzero((begins[:, 0] == w.record) & (begins[:, 1] <= w.begin))[-1])
-        found.append(fit.lin.states[i, w.begin - begins[i, 1]])
-    return np.array(found)
+        states.append(fit.lin.states[i, w.begin - begins[i, 1]])
+    return np.array(states)
 
 
 def lead_of(model: Model) -> float:
@@ -169,17 +169,17 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         step, promised = _steps(at, damping, response.reach)
         least = NEGLIGIBLE_DECREASE * np.maximum(1.0, 0.1 * cost)
         open_ = (promised > least) & ~stalled & (damping < 1e3)
-        own = np.flatnonzero(open_)
-        if not len(own):
+        active = np.flatnonzero(open_)
+        if not len(active):
             break
-        trial = _linearised(response, (x + step)[own], own)
+        trial = _linearised(response, (x + step)[active], active)
         after = np.full(len(x), np.inf)
-        after[own] = _cost(trial)
+        after[active] = _cost(trial)
         better = after < cost
         stalled |= better & (after + least > cost)
         damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
-        _replace(at, trial, own[better[own]], better[own])
+        _replace(at, trial, active[better[active]], better[active])
         cost = np.where(better, after, cost)
     basis = _triangle(at.S_x * response.reach)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))

@@ -117,9 +117,9 @@ def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record]
     if model.at_angle or any(isinstance(e, CoastingDrive) for e in model.effects):
         return None
     terms = telling_motion(model, names, records, sensor)
-    found = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)
-    left, before = 1.0 - found.share, 1.0 - regression(terms.columns, terms.speed_change).share
-    weight, torque, *_, driven = zip(found.value, found.sd, strict=True)
+    result = regression(np.column_stack([terms.columns, terms.driven]), terms.speed_change)
+    left, before = 1.0 - result.share, 1.0 - regression(terms.columns, terms.speed_change).share
+    weight, torque, *_, driven = zip(result.value, result.sd, strict=True)
     sure = [value > SURE_COEFFICIENT * sd for value, sd in (weight, torque, driven)]
     if not (left < LESS * before and all(sure[1:])):
         return None
@@ -131,15 +131,15 @@ def coasting_guess(model: Model, names: Sequence[str], records: Sequence[Record]
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:
     """The model with the plant's parameters that have this 1/J and G/J and are nearest to its own in logarithms."""
     moved = [name for name in names if name in model.plant.parameters]
-    own = {name: float(model.plant.parameters[name].value) for name in moved}
-    if not shown or not moved or not all(value > 0.0 for value in own.values()):
+    numbers = {name: float(model.plant.parameters[name].value) for name in moved}
+    if not shown or not moved or not all(value > 0.0 for value in numbers.values()):
         return model
 
     def distances(scale: Array) -> Array:
         plant = model.plant.with_parameters(dict(zip(moved, _inside(model, moved, scale), strict=True)))
         J, G = float(plant.inertia()), float(plant.largest_gravity_torque)
-        found = {"1/J": 1.0 / J, "G/J": G / J}
-        off = [math.log(found[k] / shown[k]) if found[k] > 0.0 else 0.0 for k in shown]
+        ratios = {"1/J": 1.0 / J, "G/J": G / J}
+        off = [math.log(ratios[k] / shown[k]) if ratios[k] > 0.0 else 0.0 for k in shown]
         return np.array([*off, *(1e-3 * scale)])
 
     # 1/J and G/J are mostly products of powers, linear in logarithms: Gauss-Newton steps need no damping, and
@@ -186,8 +186,8 @@ def _unexplained(model: Model, records: Sequence[Record], w: float, z: float) ->
         rest.append(theta - r.u[0] - lfilter(b.ravel(), a, r.u - r.u[0]))
         loads.append(np.column_stack([weight_along(model, theta), np.ones(len(r))]))
     A, e = np.concatenate(loads), np.concatenate(rest)
-    found = np.linalg.lstsq(A, e, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean((e - A @ found) ** 2))), float(found[0])
+    coefficients = np.linalg.lstsq(A, e, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean((e - A @ coefficients) ** 2))), float(coefficients[0])
 
 
 def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
@@ -205,8 +205,8 @@ def shown_ratios(model: Model, terms: IntegratedMotion) -> dict[str, float]:
     One standard error is enough for 1/J where all terms together explain the changes of the speed well. A constant
     torque shows 1/J only if no offset acts beside it, so that the regression then has none.
     """
-    found = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
+    result = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
-    errors = {"1/J": 1.0 if found.share > WELL_EXPLAINED else 3.0, "G/J": 3.0}
-    return {n: found.value[k] for n, k in shown.items() if found.value[k] > max(errors[n] * found.sd[k], least)}
+    errors = {"1/J": 1.0 if result.share > WELL_EXPLAINED else 3.0, "G/J": 3.0}
+    return {n: result.value[k] for n, k in shown.items() if result.value[k] > max(errors[n] * result.sd[k], least)}

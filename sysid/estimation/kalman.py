@@ -63,8 +63,8 @@ class LinearSystem:
 
     def filter(self, disturbances: Disturbances) -> Filter:
         """The Kalman filter under these disturbances."""
-        states, own = self._scan(disturbances)
-        return Filter(self, disturbances, states, own)
+        states, updates = self._scan(disturbances)
+        return Filter(self, disturbances, states, updates)
 
     @cached_property
     def _columns(self) -> Array:
@@ -84,7 +84,7 @@ class LinearSystem:
         start = [*np.square(np.multiply(SPREAD, self.reach)), *variance[:2], *np.square(self.inner_sd), *variance[2:]]
         first[_diagonal(N)] = start[:N]
         scale = np.concatenate([factor[_NONZERO], increment[_NONZERO], start[:N]])
-        states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
+        states, updates = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
@@ -97,9 +97,9 @@ class LinearSystem:
             buffer.set_arg(0, _view(state))
             buffer.set_arg(1, _view(columns[begin : begin + BLOCK]))
             buffer.set_res(0, _view(states[begin + 1 : begin + 1 + BLOCK]))
-            buffer.set_res(1, _view(own[begin : begin + BLOCK]))
+            buffer.set_res(1, _view(updates[begin : begin + BLOCK]))
             run()
-        return states[:M], own[:M]
+        return states[:M], updates[:M]
 
 
 _NONZERO = np.array([0, 1, 2, 2, 3, 3]), np.array([0, 1, 2, 3, 2, 3])
@@ -190,12 +190,12 @@ def _steps(
     instant = _instant(inner, own_state, seen, shared, coloured, smooth)
     V, W, scales = (instant.size1_in(k) for k in range(3))
     scale = casadi.SX.sym("scale", scales)
-    several, states, owns = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
+    several, states, updates = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
     for k in range(UNROLLED):
         after, said = instant(states[-1], several[:, k], scale)
         states.append(after)
-        owns.append(said)
-    ends, given = [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], [states[0], several, scale]
+        updates.append(said)
+    ends, given = [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*updates)], [states[0], several, scale]
     unrolled, count = casadi.Function("unrolled", given, ends, {"cse": True}), BLOCK // UNROLLED
     inputs = [casadi.MX.sym("state", V), casadi.MX.sym("block", W, BLOCK), casadi.MX.sym("scale", scales)]
     _, after, said = unrolled.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
@@ -208,8 +208,8 @@ def _view(values: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """The Kalman filter's result on a log: `states` (M, N (N + 3) / 2), predicted covariances and means of z; and `own`
-    (M, 2 N + 4), gains, variances and errors of the readings.
+    """The Kalman filter's result on a log: `states` (M, N (N + 3) / 2), predicted covariances and means of z; and
+    `updates` (M, 2 N + 4), gains, variances and errors of the readings.
 
     If predicted means change by m and readings by R, then innovations change by W R + W H m, and the next predicted
     mean by m' = Phi m + g - Gamma R. The readings of the two channels come in turn, with the gains K_1 and K_2.
@@ -218,7 +218,7 @@ class Filter:
     system: LinearSystem
     disturbances: Disturbances
     states: Array
-    own: Array
+    updates: Array
 
     @property
     def size(self) -> int:
@@ -228,13 +228,13 @@ class Filter:
     @cached_property
     def variances(self) -> Array:
         """Predicted variances (M, 2) of the innovations: 1 where nothing was read, nan where the model ran away."""
-        own = self.own[:, -4:-2]
-        return np.where(own > 0.0, own, np.nan)
+        predicted = self.updates[:, -4:-2]
+        return np.where(predicted > 0.0, predicted, np.nan)
 
     @cached_property
     def innovations(self) -> Array:
         """Prediction errors (M, 2) in units of their predicted sd; they are white if the model is right."""
-        return self.own[:, -2:] / np.sqrt(self.variances)
+        return self.updates[:, -2:] / np.sqrt(self.variances)
 
     @cached_property
     def log_variances(self) -> Array:
@@ -245,14 +245,14 @@ class Filter:
     def deviance(self) -> float:
         """-2 log likelihood of the readings, up to a constant that depends on the sensor alone; inf if the model ran
         away."""
-        found = float(np.sum(self.log_variances) + np.sum(self.innovations**2))
-        return found if math.isfinite(found) else math.inf
+        total = float(np.sum(self.log_variances) + np.sum(self.innovations**2))
+        return total if math.isfinite(total) else math.inf
 
     @cached_property
     def F(self) -> Array:
         """The transition (M, N, N) from z to the next z; 0 at a record's end."""
         s, at = self.system, self._disturbing
-        F = np.zeros((len(self.own), self.size, self.size))
+        F = np.zeros((len(self.updates), self.size, self.size))
         F[:, np.array(s.moving)[:, None], s.driving] = s.A
         F[:, np.array(at)[:, None], at] = self.disturbances.discrete(s.dt)[0][: len(at), : len(at)]
         F *= s.follows[:, None, None]
@@ -261,7 +261,7 @@ class Filter:
     @cached_property
     def H(self) -> Array:
         """The slopes (M, 2, N) of the readings in z."""
-        H = np.zeros((len(self.own), 2, self.size))
+        H = np.zeros((len(self.updates), 2, self.size))
         H[:, :, :2], H[:, self.system.shared, self._disturbing[1:3]] = self.system.H, self.system.weight[:, None]
         return H
 
@@ -294,7 +294,7 @@ class Filter:
     @cached_property
     def band(self) -> Array:
         """The band matrix (2 N, N M) of the identity less the shifted Phi."""
-        M, N = len(self.own), self.size
+        M, N = len(self.updates), self.size
         band = np.zeros((2 * N, N * M))
         band[0] = 1.0
         for i in range(N):
@@ -306,7 +306,7 @@ class Filter:
     def _gains(self) -> tuple[Array, Array]:
         """K_1 and K_2, each (M, N, 1)."""
         N = self.size
-        return self.own[:, :N, None], self.own[:, N : 2 * N, None]
+        return self.updates[:, :N, None], self.updates[:, N : 2 * N, None]
 
     @property
     def _disturbing(self) -> list[int]:
@@ -336,7 +336,7 @@ class Filter:
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
         """The mean of z (M, N) given all readings, after the model's predictions have changed by G (M, n), R (M, 2)."""
-        M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.size) :]
+        M, e, mean = len(self.updates), self.innovations, self.states[:, _packed(self.size) :]
         if G is not None and R is not None:
             m = self._response(G[:, :, None], R[:, :, None])[0]
             e = e - np.einsum("mij,mj->mi", self.W, R) - np.einsum("mij,mj->mi", self.WH, m)
@@ -363,11 +363,11 @@ class Filter:
     def information(self) -> Array:
         """The information I (M, N, N) about z in the readings from each instant on. It is found backwards:
         I = (W H)'(W H) + Phi' I' Phi, where I' belongs to the next instant."""
-        own = np.swapaxes(self.WH, 1, 2) @ self.WH
-        information = np.empty_like(own)
+        gained = np.swapaxes(self.WH, 1, 2) @ self.WH
+        information = np.empty_like(gained)
         after = np.zeros((self.size, self.size))
-        for k in range(len(own) - 1, -1, -1):
-            information[k] = after = own[k] + self.Phi[k].T @ after @ self.Phi[k]
+        for k in range(len(gained) - 1, -1, -1):
+            information[k] = after = gained[k] + self.Phi[k].T @ after @ self.Phi[k]
         return information
 
     def posterior_sd(self) -> Array:
@@ -385,7 +385,7 @@ class Filter:
         left = np.eye(N)[2] - (P @ self.information)[:, 2]
         carried, variance = np.zeros((N, shares.shape[1])), np.zeros(shares.shape[1])
         for k, share in enumerate(shares):
-            own = P[k, :, 2, None] * share
-            variance += share * (left[k] @ (own + 2.0 * carried))
-            carried = self.Phi[k] @ (carried + own)
+            added = P[k, :, 2, None] * share
+            variance += share * (left[k] @ (added + 2.0 * carried))
+            carried = self.Phi[k] @ (carried + added)
         return np.sqrt(np.maximum(variance, 0.0))

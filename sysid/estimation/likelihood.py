@@ -42,7 +42,7 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
 
     here, unit = now.deviance, h * np.eye(3)[free]
     trials = [now, *map(moved, unit), *map(moved, -unit)]
-    up, down = (np.array([own.deviance for own in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
+    up, down = (np.array([f.deviance for f in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
     slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
     if np.all(slope**2 <= NEGLIGIBLE_GAIN * np.diag(curvature)):
         return now
@@ -63,7 +63,7 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
             trials.append(moved(np.maximum(2.0 * move, lowest)))
     if free[0] == 0 and 0.0 < slope[0] < 2.0 * IDLE:
         trials.append(moved(np.array([lowest[0], 0.0, 0.0])))
-    return min(trials, key=lambda own: own.deviance)
+    return min(trials, key=lambda trial: trial.deviance)
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], shared_error: bool = True) -> Disturbances:
@@ -71,9 +71,9 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], sha
     those that are hopeless beside others are given up earlier."""
     floor, trials = np.full(3, -40.0), [system.filter(begun) for begun in begins]
     for _ in range(3):
-        trials = [likelihood_ascent(own, floor, shared_error) for own in trials]
-        best = min(trials, key=lambda own: own.deviance)
-        trials = [own for own in trials if own.deviance <= best.deviance + GIVEN_UP_ABOVE]
+        trials = [likelihood_ascent(trial, floor, shared_error) for trial in trials]
+        best = min(trials, key=lambda trial: trial.deviance)
+        trials = [trial for trial in trials if trial.deviance <= best.deviance + GIVEN_UP_ABOVE]
     return best.disturbances
 
 

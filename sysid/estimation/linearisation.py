@@ -105,8 +105,8 @@ class Samples:
             return np.repeat(self.commands[:, None], model.integrator.substeps, axis=1)
         drives = np.zeros((len(self), model.integrator.substeps))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
-            own = model.drive_record(np.concatenate([record.previous_commands, record.u]))
-            drives[begin : begin + len(record)] = own[len(record.previous_commands) :]
+            torques = model.drive_record(np.concatenate([record.previous_commands, record.u]))
+            drives[begin : begin + len(record)] = torques[len(record.previous_commands) :]
         return drives
 
     def follow_smoothed(self, effects: Sequence[DynamicEffect]) -> Array:
@@ -122,13 +122,13 @@ class Samples:
         step = _follower(effect, self.dt)
         theta, theta_dot = self.smoothed.T
         stretches = np.column_stack([theta_dot[:-1], theta_dot[1:], np.diff(theta)])
-        found = np.zeros((len(rows), len(self), len(effect.start_sd)))
+        followed = np.zeros((len(rows), len(self), len(effect.start_sd)))
         for first, last in pairwise(self.first.tolist()):
-            own, count = stretches[first : last - 1].T, last - first - 1
+            inputs, count = stretches[first : last - 1].T, last - first - 1
             along = step.mapaccum(count)
-            for states, numbers in zip(found, rows, strict=True):
-                states[first + 1 : last] = along(0, own, casadi.repmat(casadi.DM(numbers), 1, count)).full().T
-        return found
+            for states, numbers in zip(followed, rows, strict=True):
+                states[first + 1 : last] = along(0, inputs, casadi.repmat(casadi.DM(numbers), 1, count)).full().T
+        return followed
 
     def read(self, model: Model, x: Array) -> Array:
         """Readings (..., M, 2) of perfect sensors along states x (..., M, 2)."""
@@ -148,8 +148,8 @@ def _follower(effect: DynamicEffect, dt: float) -> casadi.Function:
     names = tuple(effect.parameters)
     states, stretch = casadi.SX.sym("states", len(effect.start_sd)), casadi.SX.sym("stretch", 3)
     numbers = casadi.SX.sym("numbers", len(names))
-    own = effect.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
-    *_, after = own.follow(tuple(casadi.vertsplit(states)), Stretch(dt, *casadi.vertsplit(stretch)))
+    symbolic = effect.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
+    *_, after = symbolic.follow(tuple(casadi.vertsplit(states)), Stretch(dt, *casadi.vertsplit(stretch)))
     return casadi.Function("follow", [states, stretch, numbers], [casadi.vertcat(*after)])
 
 
@@ -233,9 +233,9 @@ class LinearisedModel:
             inner = inner + shift[..., 3:]
         values = iter(np.moveaxis(inner, -1, 0))
         states = tuple(tuple(next(values) for _ in e.start_sd) for e in model.dynamic_effects)
-        own = tuple(drives[..., j] for j in range(drives.shape[-1]))
+        torques = tuple(drives[..., j] for j in range(drives.shape[-1]))
         t, push = self.samples.time_since_start, model.inertia() * d
-        *ends, after = model.move_with_inner(theta, theta_dot, states, own, t, push)
+        *ends, after = model.move_with_inner(theta, theta_dot, states, torques, t, push)
         return np.stack(np.broadcast_arrays(*ends, *(value for values in after for value in values)), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -284,7 +284,7 @@ class LinearisedModel:
         # a shape is repeated in as many rows as the effect has magnitudes: what it alone determines is evaluated once
         shared = math.gcd(V, sum(p.neutral is not None for p in parameters.values()))
         columns = np.moveaxis(rows.reshape(V // shared, shared, 1, -1), -1, 0)
-        once = [own[:, :1] if np.all(own == own[:, :1]) else own for own in columns]
+        once = [column[:, :1] if np.all(column == column[:, :1]) else column for column in columns]
         effect = effects[0].with_parameters(dict(zip(parameters, once, strict=True)))
         early, held = np.zeros((V // shared, shared, M)), np.zeros((V // shared, shared, M))
         for joint, left in self._within:
@@ -331,8 +331,8 @@ class LinearisedModel:
                 u = (k + place) / substeps
                 t = u * samples.dt
                 travelled = t * (theta_dot + 0.5 * u * gained)
-                own = (theta + travelled, theta_dot + u * gained, samples.time_since_start + t, drive, push)
-                nodes.append((model.joint(*own), 1.0 - u))
+                node = (theta + travelled, theta_dot + u * gained, samples.time_since_start + t, drive, push)
+                nodes.append((model.joint(*node), 1.0 - u))
         return nodes
 
     def _variants(self, model: Model, rows: Array, names: Sequence[str], inner: Array) -> tuple[Array, Array]:
@@ -341,7 +341,9 @@ class LinearisedModel:
         def variant(row: Array) -> Model:
             return model.with_numbers(names, row.tolist())
 
-        driven, shown = (self._differ(model, rows, names, own) for own in (model.input_effects, model.output_effects))
+        driven, shown = (
+            self._differ(model, rows, names, effects) for effects in (model.input_effects, model.output_effects)
+        )
         drives = self.drives
         if np.any(driven):
             drives = np.stack(
@@ -357,9 +359,9 @@ class LinearisedModel:
     def _differ(self, model: Model, rows: Array, names: Sequence[str], effects: Sequence[Effect]) -> NDArray[np.bool_]:
         """Which of the variants (V,) have other numbers of some `effects` than the model that is linearised."""
         known, differ = self.model.parameters, np.zeros(len(rows), dtype=bool)
-        own = {n for e in effects for n in model.names_of(e.name)}
+        of_effects = {n for e in effects for n in model.names_of(e.name)}
         for name, column in zip(names, rows.T, strict=True):
-            if name in own:
+            if name in of_effects:
                 differ |= column != float(known[name].value) if name in known else True
         return differ
 

@@ -112,8 +112,8 @@ class Response:
             return np.empty((len(self.windows), 0))
         size = level(self._samples)
         linearised = LinearisedModel(self._samples, self.model, smoothed_motion(self._samples, size))
-        found = linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
-        return found[self._first]
+        states = linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
+        return states[self._first]
 
     @cached_property
     def commands(self) -> Array:
@@ -123,8 +123,8 @@ class Response:
     @cached_property
     def drives(self) -> Array:
         """Drive torques (N + 1, S) of the whole log; the last row is padding."""
-        own = self._samples.drives(self.model)[self._samples.follows]
-        return np.concatenate([own, np.zeros((1, self.model.integrator.substeps))])
+        torques = self._samples.drives(self.model)[self._samples.follows]
+        return np.concatenate([torques, np.zeros((1, self.model.integrator.substeps))])
 
     # motion --------------------------------------------------------------------------------------------------
 
@@ -204,8 +204,8 @@ class _Structure:
 
 def _without_numbers(part: Parametric) -> Hashable:
     """The type and the settings of a plant or an effect, without its numbers."""
-    own = {f.name: getattr(part, f.name) for f in fields(part)}
-    kept = {name: value for name, value in own.items() if name != "bounds" and name not in part.parameters}
+    values = {f.name: getattr(part, f.name) for f in fields(part)}
+    kept = {name: value for name, value in values.items() if name != "bounds" and name not in part.parameters}
     return type(part), *((name, _hashable(value)) for name, value in kept.items())
 
 
@@ -233,7 +233,7 @@ def _compiled(structure: _Structure) -> _Step:
     inner = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
     model = model.with_numbers(names, casadi.vertsplit(numbers))
     *moved, inner_then = model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
-    after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
+    after = casadi.densify(casadi.vertcat(*moved, *(value for states in inner_then for value in states)))
     S, others = casadi.SX.sym("S", after.size1(), 2), [drives, t, numbers]
     end = casadi.Function("step", [x, *others], [after], {"cse": True})
     inputs, outputs = casadi.vertcat(x, casadi.vec(S)), casadi.vertcat(after, casadi.vec(casadi.jtimes(after, x, S)))

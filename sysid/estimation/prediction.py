@@ -60,9 +60,9 @@ class PredictionErrors:
         sd = float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
         worst = int(np.argmax(self.squares - other.squares))
         spared = mean > SURE_GAIN * sd and self.squares[worst] < RUNS_AWAY * (other.squares[worst] + noise[worst])
-        own, others = (float(np.sum(np.delete(e.squares, worst) if spared else e.squares)) for e in (self, other))
-        if own > others:
-            mean = min(mean, -abs(math.log(own / max(others, 1e-300))))
+        these, others = (float(np.sum(np.delete(e.squares, worst) if spared else e.squares)) for e in (self, other))
+        if these > others:
+            mean = min(mean, -abs(math.log(these / max(others, 1e-300))))
         return mean, sd
 
 
@@ -118,11 +118,11 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     records, sensor = fit.samples.records, fit.samples.sensor
     # where memories have to fill first, every block needs the states of the whole log: they are found once
     near = refit_windows(fit.model, records, sensor, cut(records, HEAD)) if any(w.lead for w in windows) else None
-    found = []
+    errors = []
     for group in groups:
-        own = [windows[i] for i in group]
-        found.append(_squares(refit_windows(_without(fit, own), records, sensor, own, near)))
-    return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        block = [windows[i] for i in group]
+        errors.append(_squares(refit_windows(_without(fit, block), records, sensor, block, near)))
+    return PredictionErrors(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 
 
 def fitted_error(fit: Fit, seconds: float, sensor: Sensor) -> float:
@@ -183,11 +183,11 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     samples, p = fit.samples, fit.values
     if not len(p):
         return fit.model
-    own = np.zeros(len(samples), dtype=bool)
+    left_out = np.zeros(len(samples), dtype=bool)
     for w in windows:
         begin = int(samples.first[w.record]) + w.begin
-        own[begin + w.shared : begin + w.count + 1] = True
-    rows = np.repeat(own, 2)
+        left_out[begin + w.shared : begin + w.count + 1] = True
+    rows = np.repeat(left_out, 2)
     low, high = np.array([fit.model.parameters[n].bounds for n in fit.names]).T
     free = (p > low) & (p < high)
     Z, e = fit.Z[:, free], fit.e

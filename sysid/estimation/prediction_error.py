@@ -106,8 +106,8 @@ class Fit:
     @property
     def at_bounds(self) -> set[str]:
         """The free parameters that ended at a bound other than the value at which their effect changes nothing."""
-        own = {n: self.model.parameters[n] for n in self.names}
-        return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
+        free = {n: self.model.parameters[n] for n in self.names}
+        return {n for n, p in free.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
 
     @property
     def inertia(self) -> float:
@@ -197,10 +197,10 @@ class Fit:
         if self.undisturbed:
             return NO_DISTURBANCE
         system = self.linearised.system
-        found = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in CORRELATION_TIMES))
-        still = maximum_likelihood(system, [replace(found, s=0.0)])
-        needed = system.filter(still).deviance - system.filter(found).deviance >= NUMBERS_GAIN
-        return found if needed else still
+        likeliest = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in CORRELATION_TIMES))
+        still = maximum_likelihood(system, [replace(likeliest, s=0.0)])
+        needed = system.filter(still).deviance - system.filter(likeliest).deviance >= NUMBERS_GAIN
+        return likeliest if needed else still
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
@@ -258,10 +258,12 @@ def with_smooth_error(fitted: Fit) -> Disturbances:
     now, neighbours = fitted.disturbances, np.array([0.0, fitted.samples.dt])
     short = replace(now, s=0.1 * now.s, sigma_o=now.sigma_o * math.sqrt(SHORT / now.T_o), T_o=SHORT)
     alone = [Disturbances(0.0, sigma_f=1.0, T_f=T_f) for T_f in SMOOTH]
-    change, *own = (-float(np.diff(of.shared_variance(neighbours))[0]) for of in (now, *alone))
+    change, *changes = (-float(np.diff(of.shared_variance(neighbours))[0]) for of in (now, *alone))
     if fitted.samples.shared:
         change += 0.5 * (now.s * fitted.samples.dt) ** 2
-    begins = [replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(own, SMOOTH, strict=True)]
+    begins = [
+        replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(changes, SMOOTH, strict=True)
+    ]
     return maximum_likelihood(fitted.linearised.system, begins)
 
 
@@ -278,8 +280,8 @@ def inverse(information: Array) -> Array:
         scale = np.outer(size[shown], size[shown])
         scaled = information[both] / scale
         determined = np.linalg.eigvalsh(scaled)[0] > 1e-12
-        found = np.linalg.inv(scaled) / scale if determined else np.full_like(scaled, np.inf)
-        covariance[both] = 0.5 * (found + found.T)
+        inverted = np.linalg.inv(scaled) / scale if determined else np.full_like(scaled, np.inf)
+        covariance[both] = 0.5 * (inverted + inverted.T)
     return covariance
 
 

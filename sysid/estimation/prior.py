@@ -37,12 +37,12 @@ class Prior:
         about neutral: two that no motion tells apart (friction and an offset of a joint that turns one way) would
         otherwise run away against each other.
         """
-        own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
+        kept = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
         mean, precision = model.numbers(names), np.zeros(len(names))
         positive = np.array([model.parameters[n].bounds[0] > 0.0 for n in names], dtype=bool)
         for i, name in enumerate(names):
-            if name in own:
-                mean[i], precision[i] = own[name]
+            if name in kept:
+                mean[i], precision[i] = kept[name]
             elif name in model.plant.parameters and mean[i] != 0.0:
                 precision[i] = (vague * (1.0 if positive[i] else mean[i])) ** -2.0
             elif model.parameters[name].is_torque and torque > 0.0:

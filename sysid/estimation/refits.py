@@ -28,35 +28,35 @@ def continued(
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
     """The fit with more effects, begun where the present one ended."""
     model, names = now.model, list(now.names)
-    for own in effects:
-        model = model.with_effect(own)
-        names += model.names_of(own.name)
+    for effect in effects:
+        model = model.with_effect(effect)
+        names += model.names_of(effect.name)
     return fit_parameters(now.samples, model, names, now, settings=settings)
 
 
-def settled(found: Fit) -> Fit:
+def settled(fit: Fit) -> Fit:
     """A quick fit continued until it converges; if it does not, the likelier of it and a fit begun anew at its numbers.
 
     The correlation times stay, since the numbers were judged under them and would be others under the default ones.
     """
-    after = continued(found)
+    after = continued(fit)
     if after.converged:
         return after
-    large = large_disturbances(found.samples).with_memory(found.disturbances.T)
-    anew = fit_parameters(found.samples, found.model, found.names, disturbances=large, balance=found.balance)
-    return min(after, anew, key=lambda own: own.deviance)
+    large = large_disturbances(fit.samples).with_memory(fit.disturbances.T)
+    anew = fit_parameters(fit.samples, fit.model, fit.names, disturbances=large, balance=fit.balance)
+    return min(after, anew, key=lambda f: f.deviance)
 
 
-def with_energy_balance(found: Fit) -> Fit:
+def with_energy_balance(fit: Fit) -> Fit:
     """The fit with the energy balance read beside it, if it is one of free swings and needs a random torque."""
-    if found.undisturbed or found.model.damping in found.names:
-        return found
-    return balanced(found, EnergyBalance.of(found.samples, found.model))
+    if fit.undisturbed or fit.model.damping in fit.names:
+        return fit
+    return balanced(fit, EnergyBalance.of(fit.samples, fit.model))
 
 
-def balanced(found: Fit, balance: EnergyBalance | None) -> Fit:
+def balanced(fit: Fit, balance: EnergyBalance | None) -> Fit:
     """The fit with this energy balance read beside it; the same fit if there is none."""
-    return found if balance is None else continued(found, balance=balance)
+    return fit if balance is None else continued(fit, balance=balance)
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:

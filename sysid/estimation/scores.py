@@ -65,8 +65,11 @@ def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
 
     Where the actuator's damping is free, effects that brake as it does are left out.
     """
-    found, braked = candidates(fit.model, partial(fit.samples.extent, fit.model), names), fit.model.damping in fit.names
-    tested = (score(fit, own) for name, own in found.items() if not (braked and CATALOGUE[name].brakes))
+    by_effect, braked = (
+        candidates(fit.model, partial(fit.samples.extent, fit.model), names),
+        fit.model.damping in fit.names,
+    )
+    tested = (score(fit, tried) for name, tried in by_effect.items() if not (braked and CATALOGUE[name].brakes))
     return {score.name: score for score in tested if score is not None}
 
 
@@ -85,8 +88,8 @@ def score(fit: Fit, tried: Sequence[Candidate]) -> Score | None:
         rows = rows - (rows @ fit.basis) @ fit.basis.T
     best: Score | None = None
     for k, candidate in enumerate(tried):
-        own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
-        score = _tested(fit.e, candidate, rows[own].T, length[own], len(tried))
+        indices = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
+        score = _tested(fit.e, candidate, rows[indices].T, length[indices], len(tried))
         if best is None or score.lm > best.lm:
             best = score
     return best
@@ -123,5 +126,5 @@ def collinearity(a: Score, b: Score) -> float:
 def price(effect: str | Effect, each: float, shapes: int = 1) -> float:
     """The decrease of the deviance that an effect has to bring: `each` for each of its numbers, and more for its rarity
     and for the choice among shapes."""
-    own = CATALOGUE[effect]() if isinstance(effect, str) else effect
-    return each * len(own.parameters) + 2.0 * own.rarity + 2.0 * math.log(shapes)
+    instance = CATALOGUE[effect]() if isinstance(effect, str) else effect
+    return each * len(instance.parameters) + 2.0 * instance.rarity + 2.0 * math.log(shapes)

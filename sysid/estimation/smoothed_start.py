@@ -28,10 +28,10 @@ def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
 
     A number at its bound starts a little inside, since a friction or a delay has no slope to follow at its bound.
     """
-    own = np.array([float(p.value) for p in parameters])
+    numbers = np.array([float(p.value) for p in parameters])
     low, high = (np.array([p.bounds[side] for p in parameters]) for side in (0, 1))
     inside = 0.05 * np.array([p.scale for p in parameters])
-    yield np.where(own <= low, low + inside, np.where(own >= high, high - inside, own))
+    yield np.where(numbers <= low, low + inside, np.where(numbers >= high, high - inside, numbers))
     from scipy.stats import qmc  # loads for 0.3 s, and most fits need one start
 
     points = qmc.Halton(len(parameters), scramble=False)

@@ -219,7 +219,7 @@ def _step(
 ) -> Array:
     """The Gauss-Newton step (P,) of the numbers, from the innovations, the prior and the rows of an energy balance."""
     parts = [(Z, filter.innovations.ravel()), prior.rows(now), *([beside] if beside else [])]
-    rows, rest = (np.concatenate(own) for own in zip(*parts, strict=True))
+    rows, rest = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     return bounded_step(rows, rest, limits.low - now, limits.high - now)
 
 
@@ -283,5 +283,5 @@ def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
     p = model.parameters[name]
     if name not in model.plant.parameters and math.isinf(p.bounds[1]):
         return math.inf
-    own = 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], p.large(extent))
-    return max(abs(typical), own) or p.scale
+    least = 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], p.large(extent))
+    return max(abs(typical), least) or p.scale

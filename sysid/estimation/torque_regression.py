@@ -69,8 +69,8 @@ def telling_motion(model: Model, names: Sequence[str], records: Sequence[Record]
 
 def _sureness(terms: IntegratedMotion) -> float:
     """1/J divided by its standard error."""
-    found = regression(terms.columns, terms.speed_change)
-    return found.value[1] / found.sd[1] if found.sd[1] > 0.0 else -math.inf
+    result = regression(terms.columns, terms.speed_change)
+    return result.value[1] / result.sd[1] if result.sd[1] > 0.0 else -math.inf
 
 
 def integrated_motion(
@@ -112,11 +112,11 @@ def integrated_motion(
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     slow = slow_speed([theta_dot for _, theta_dot in smoothed])
-    found = np.concatenate(rows)
+    terms = np.concatenate(rows)
     if model.plant.turns and not frees_gravity(model, names):
-        found[:, 1] += float(model.plant.largest_gravity_torque) * found[:, 0]
-        found[:, 0] = 0.0
-    return IntegratedMotion(found[:, :5], found[:, 5], np.concatenate(targets), slow)
+        terms[:, 1] += float(model.plant.largest_gravity_torque) * terms[:, 0]
+        terms[:, 0] = 0.0
+    return IntegratedMotion(terms[:, :5], terms[:, 5], np.concatenate(targets), slow)
 
 
 class Regression(NamedTuple):
@@ -215,26 +215,26 @@ def friction_along(
     unseen_motion = integrated_motion(model, names, unseen, sensor, slow=slow)
     one_way = _is_one_way(motion)
     columns, torque = _of_the_torque(model, motion, motion, one_way)
-    found = regression(columns, torque)
-    one_speed = _is_at_one_speed(motion) or not _shows_friction(found)
-    drives = found.value[1] < 0.0 and not one_way  # no dry friction does; a sum with a load may
+    result = regression(columns, torque)
+    one_speed = _is_at_one_speed(motion) or not _shows_friction(result)
+    drives = result.value[1] < 0.0 and not one_way  # no dry friction does; a sum with a load may
     if one_speed or drives:
         columns[:, 0 if one_speed else 1] = 0.0
-        found = regression(columns, torque)
+        result = regression(columns, torque)
     level = regression(motion.columns[:, 4:], torque).value
     columns, torque = _of_the_torque(model, unseen_motion, motion, one_way)
     varies = float(np.sum((torque - unseen_motion.columns[:, 4:] @ level) ** 2))
     constant = varies <= ROUNDING * float(np.sum(torque**2))
-    share = 0.0 if constant else 1.0 - float(np.sum((torque - columns @ found.value) ** 2)) / varies
-    if not (_shows_friction(found) and share > MADE_OF_FRICTION):
+    share = 0.0 if constant else 1.0 - float(np.sum((torque - columns @ result.value) ** 2)) / varies
+    if not (_shows_friction(result) and share > MADE_OF_FRICTION):
         return None
-    viscous, coulomb, load, inertia, *_ = zip(found.value, found.sd, strict=True)
+    viscous, coulomb, load, inertia, *_ = zip(result.value, result.sd, strict=True)
     return FrictionAlong(viscous, coulomb, load, inertia, share, one_way, one_speed)
 
 
-def _shows_friction(found: Regression) -> bool:
+def _shows_friction(result: Regression) -> bool:
     """Whether viscous or dry friction is surely there."""
-    return max(number - SURE_COEFFICIENT * sd for number, sd in zip(found.value[:2], found.sd[:2], strict=True)) > 0.0
+    return max(number - SURE_COEFFICIENT * sd for number, sd in zip(result.value[:2], result.sd[:2], strict=True)) > 0.0
 
 
 def _is_one_way(motion: IntegratedMotion) -> bool:
@@ -248,7 +248,7 @@ def _is_at_one_speed(motion: IntegratedMotion) -> bool:
     other direction may have another speed: a load would explain that as well as viscous friction."""
     speed, direction = -motion.columns[:, 2:4].T / motion.columns[:, 4]
     ways = [np.abs(speed[way]) for way in (direction < -WHOLLY, direction > WHOLLY) if np.any(way)]
-    ranges = [np.quantile(own, (0.1, 0.5, 0.9)) for own in ways]
+    ranges = [np.quantile(speeds, (0.1, 0.5, 0.9)) for speeds in ways]
     return bool(ranges) and all(high - low < ONE_SPEED * middle for low, middle, high in ranges)
 
 

@@ -60,14 +60,14 @@ def candidates_for(kind: type[Effect], extent: Extent) -> tuple[Candidate, ...]:
     shapes = [p for p in parameters.values() if p.neutral is None]
     magnitudes = [p for p in parameters.values() if p.neutral is not None]
     names = tuple(p.name for p in magnitudes)
-    found = []
+    combinations = []
     for shape in itertools.product(*(p.probes(extent) for p in shapes)):
         neutral = effect.with_parameters(dict(zip((p.name for p in shapes), shape, strict=True)))
         for values in itertools.product(*(p.probes(extent) for p in magnitudes)):
             probes = tuple(neutral.with_parameters({k: v}) for k, v in zip(names, values, strict=True))
             sizes = tuple(v - (p.neutral or 0.0) for v, p in zip(values, magnitudes, strict=True))
-            found.append(Candidate(neutral, names, probes, sizes, _side(magnitudes)))
-    return tuple(found)
+            combinations.append(Candidate(neutral, names, probes, sizes, _side(magnitudes)))
+    return tuple(combinations)
 
 
 def _side(magnitudes: Sequence[Parameter]) -> int:
@@ -87,7 +87,7 @@ def candidates(
     """
     present = set(model.effect_names)
     excluded = {name for e in model.effects for name in e.excludes}
-    found = {}
+    by_effect = {}
     for name in CATALOGUE if names is None else names:
         if name in ACTUATORS:
             raise InvalidInput(f"{name} is an actuator, and none is searched for: expected it in the model")
@@ -96,5 +96,5 @@ def candidates(
             continue
         tried = candidates_for(kind, extent(kind))
         if tried:
-            found[name] = tried
-    return found
+            by_effect[name] = tried
+    return by_effect

@@ -153,8 +153,8 @@ class Model:
     @property
     def damping(self) -> str:
         """The full name of the parameter by which the actuator brakes the joint; empty if there is none."""
-        own = self.actuator
-        return f"{own.name}.{own.damping}" if own is not None and own.damping else ""
+        actuator = self.actuator
+        return f"{actuator.name}.{actuator.damping}" if actuator is not None and actuator.damping else ""
 
     @property
     def command(self) -> str:
@@ -231,12 +231,12 @@ class Model:
     def with_parameters(self, values: Mapping[str, Value]) -> Model:
         """The same model holding other numbers: floats, arrays, CasADi symbols or torch tensors."""
         self.check_names(values)
-        own: dict[str, dict[str, Value]] = {}
+        by_owner: dict[str, dict[str, Value]] = {}
         for name, p in self.parameters.items():
             if name in values:
-                own.setdefault(p.owner, {})[p.field] = values[name]
-        effects = tuple(e.with_parameters(own.get(e.name, {})) for e in self.effects)
-        return dataclasses.replace(self, plant=self.plant.with_parameters(own.get("", {})), effects=effects)
+                by_owner.setdefault(p.owner, {})[p.field] = values[name]
+        effects = tuple(e.with_parameters(by_owner.get(e.name, {})) for e in self.effects)
+        return dataclasses.replace(self, plant=self.plant.with_parameters(by_owner.get("", {})), effects=effects)
 
     def numbers(self, names: Sequence[str]) -> Array:
         """The numbers (P,) that it has for these parameters."""
@@ -278,8 +278,8 @@ class Model:
         """The drive torques [N m] of the substeps under the command u [N m] held over dt, and the memory afterwards."""
         signal: Drives = (u,) * self.integrator.substeps
         after: list[Memory] = []
-        for e, own in zip(self.input_effects, memory, strict=True):
-            signal, own_after = e.advance(signal, own, self.dt)
+        for e, own_memory in zip(self.input_effects, memory, strict=True):
+            signal, own_after = e.advance(signal, own_memory, self.dt)
             after.append(own_after)
         return signal, tuple(after)
 
@@ -410,10 +410,10 @@ class Model:
 
     def _followed(self, inner: tuple[Memory, ...], stretch: Stretch) -> tuple[Value, Value, tuple[Memory, ...]]:
         """What `follow` gives for all dynamic effects: their torques and slopes summed, and the states of each."""
-        own = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, inner, strict=True)]
-        torque: Value = sum((o[0] for o in own[1:]), own[0][0])
-        slope: Value = sum((o[1] for o in own[1:]), own[0][1])
-        return torque, slope, tuple(o[2] for o in own)
+        followed = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, inner, strict=True)]
+        torque: Value = sum((o[0] for o in followed[1:]), followed[0][0])
+        slope: Value = sum((o[1] for o in followed[1:]), followed[0][1])
+        return torque, slope, tuple(o[2] for o in followed)
 
     def sensing(self, theta: Value, theta_dot: Value) -> tuple[Memory, ...]:
         """The memory of each output effect for a joint that has come to this state at constant speed."""
@@ -428,8 +428,8 @@ class Model:
     ) -> tuple[Reading, tuple[Memory, ...]]:
         """What the sensors show at theta, theta_dot, and their memory for the next instant, dt later."""
         reading, after = Reading(theta, theta_dot), list[Memory]()
-        for e, own in zip(self.output_effects, sensing, strict=True):
-            reading, own_after = e.read(reading, own, t, self.dt)
+        for e, own_memory in zip(self.output_effects, sensing, strict=True):
+            reading, own_after = e.read(reading, own_memory, t, self.dt)
             after.append(own_after)
         return reading, tuple(after)
 

@@ -94,12 +94,12 @@ def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
     Numbers are created on that device: a graph of a GPU may not wait for a copy from the host.
     """
     like = next(v for v in values if isinstance(v, torch.Tensor))
-    own = {"dtype": like.dtype, "device": like.device}
+    options = {"dtype": like.dtype, "device": like.device}
 
     def as_tensor(v: Value) -> Value:
         if isinstance(v, torch.Tensor):
             return v
-        return torch.full((), v, **own) if isinstance(v, float | int) else torch.as_tensor(v, **own)
+        return torch.full((), v, **options) if isinstance(v, float | int) else torch.as_tensor(v, **options)
 
     return [as_tensor(v) for v in values]
 

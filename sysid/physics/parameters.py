@@ -144,8 +144,8 @@ class Parameter:
         float
             The number, in `unit`.
         """
-        own = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
-        return (own or 1.0) * extent.reach**self.angles
+        size = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
+        return (size or 1.0) * extent.reach**self.angles
 
     @property
     def never(self) -> bool:
@@ -254,14 +254,14 @@ class Parametric:
     @property
     def parameters(self) -> dict[str, Parameter]:
         """The parameters by field name, in the order in which they are declared."""
-        found = {}
+        declared = {}
         for field in dataclasses.fields(self):
             if _KEY in field.metadata:
-                name, own = field.name, field.metadata[_KEY]
-                own = own | {"bounds": self.bounds[name]} if name in self.bounds else own
-                angles = _power_of_angle(own["unit"])
-                found[name] = Parameter(name, getattr(self, name), field=name, angles=angles, **own)
-        return found
+                name, settings = field.name, field.metadata[_KEY]
+                settings = settings | {"bounds": self.bounds[name]} if name in self.bounds else settings
+                angles = _power_of_angle(settings["unit"])
+                declared[name] = Parameter(name, getattr(self, name), field=name, angles=angles, **settings)
+        return declared
 
     def with_parameters(self, values: Mapping[str, Value]) -> Self:
         """The same part holding other numbers: floats, arrays, CasADi symbols or tensors.
@@ -312,9 +312,9 @@ def doubling(longest: float) -> LogProbe:
     """Times [s]: 0.5, 1, 2, 4, ... intervals, as far as `longest` [s] and the log reach."""
 
     def times(extent: Extent) -> tuple[float, ...]:
-        last, found = min(longest, extent.duration), [0.5 * extent.dt]
-        while 2.0 * found[-1] <= last:
-            found.append(2.0 * found[-1])
-        return tuple(found) if found[0] <= last else (last,)
+        last, doubled = min(longest, extent.duration), [0.5 * extent.dt]
+        while 2.0 * doubled[-1] <= last:
+            doubled.append(2.0 * doubled[-1])
+        return tuple(doubled) if doubled[0] <= last else (last,)
 
     return times

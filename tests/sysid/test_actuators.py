@@ -93,8 +93,8 @@ def test_a_servo_held_its_first_command_before_the_log(lagging: Effect) -> None:
 def test_a_push_acts_behind_the_actuator() -> None:
     """It is a torque [N m] also where the command is an angle, and beyond the servo's limit."""
     servo = joint(PositionServo(k_p=8.0, k_d=0.4, limit=0.3))
-    own = servo.acceleration(math.pi, 0.0, 0.0, 1.0)
-    assert servo.acceleration(math.pi, 0.0, 0.0, 1.0, push=0.5) - own == pytest.approx(0.5 / 0.05)
+    without = servo.acceleration(math.pi, 0.0, 0.0, 1.0)
+    assert servo.acceleration(math.pi, 0.0, 0.0, 1.0, push=0.5) - without == pytest.approx(0.5 / 0.05)
 
 
 @pytest.mark.parametrize(
@@ -114,10 +114,10 @@ def test_numbers_come_relative_to_the_constant_that_motion_cannot_show(
     if isinstance(hidden, PositionServo):
         hidden = PositionServo(k_p=8.0, k_d=0.4)
     free = (Viscous(),) if isinstance(actuator, TorqueConstant) else ()
-    found = fit(joint(actuator, *free), swings(joint(hidden, Viscous(b=0.03)), about=about), SENSOR)
-    assert set(found.names) == set(truth)
+    estimate = fit(joint(actuator, *free), swings(joint(hidden, Viscous(b=0.03)), about=about), SENSOR)
+    assert set(estimate.names) == set(truth)
     for name, value in truth.items():
-        assert abs(found.values[name] - value) < 4.0 * found.sd[name] < 0.2 * value, name
+        assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name] < 0.2 * value, name
 
 
 def test_back_emf_hides_viscous_friction() -> None:
@@ -143,12 +143,12 @@ def test_the_loop_that_a_servo_is_matched_with_is_one_that_steps_of_dt_follow() 
 def test_dry_friction_and_a_late_command_are_found_behind_a_servo() -> None:
     servo = PositionServo(k_p=8.0, k_d=0.4)
     records = swings(joint(servo, Coulomb(tau_c=0.15), Delay(T=0.04)), n=4, about=math.pi)
-    found = diagnose(joint(PositionServo(k_p=8.0)), records, SENSOR)
-    assert {s.effect for s in found.steps} == {"coulomb", "delay"}, str(found)
-    estimate = found.estimate
+    diagnosis = diagnose(joint(PositionServo(k_p=8.0)), records, SENSOR)
+    assert {s.effect for s in diagnosis.steps} == {"coulomb", "delay"}, str(diagnosis)
+    estimate = diagnosis.estimate
     for name, value in {"coulomb.tau_c": 0.15, "delay.T": 0.04, "position_servo.k_d": 0.4}.items():
         assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name], name
-    assert ("position_servo.k_d", "viscous", "back_emf") in found.not_identifiable
+    assert ("position_servo.k_d", "viscous", "back_emf") in diagnosis.not_identifiable
 
 
 @pytest.mark.long
@@ -162,13 +162,15 @@ def test_an_axis_is_answered_in_whatever_unit_its_positions_came(unit: float) ->
     run = simulate(truth, 0.005 * np.sin(2.0 * math.pi * (0.3 + 1.5 * t / t[-1]) * t)[None], np.zeros(1), np.zeros(1))
     (record,) = Sensor(theta=1e-5).measure(run, np.random.default_rng(0))
     scaled = dataclasses.replace(record, u=unit * record.u, theta=unit * np.asarray(record.theta))
-    found = diagnose(Model(LinearAxis(bounds=bounds), (PositionServo(),), dt=0.01), [scaled], Sensor(theta=1e-5 * unit))
-    assert [s.effect for s in found.steps] == ["torque_speed_limit"], str(found)
-    values = found.estimate.values
+    diagnosis = diagnose(
+        Model(LinearAxis(bounds=bounds), (PositionServo(),), dt=0.01), [scaled], Sensor(theta=1e-5 * unit)
+    )
+    assert [s.effect for s in diagnosis.steps] == ["torque_speed_limit"], str(diagnosis)
+    values = diagnosis.estimate.values
     assert values["torque_speed_limit.limit"] == pytest.approx(3e-4 * unit, rel=0.02)
     assert values["torque_speed_limit.k"] == pytest.approx(3e-4 / 0.045, rel=0.02)
     assert values["m"] == pytest.approx(6e-5, rel=0.02)
-    assert found.error.ratio < 1.1
+    assert diagnosis.error.ratio < 1.1
 
 
 @pytest.mark.parametrize("w", [10.0, 50.0, 150.0])
@@ -183,9 +185,9 @@ def test_the_loop_of_a_servo_is_matched_however_stiff(w: float, known: bool) -> 
     guess = initial_guesses(model, names, records, SENSOR)[1].parameters
     late = float(guess["position_servo.k_d"].value) / float(guess["position_servo.k_p"].value)
     assert late == pytest.approx(1.4 / w, rel=0.5), "how far it lags shows in any motion, its frequency in fast ones"
-    found = fit(model, records, SENSOR, names).model.parameters
+    fitted = fit(model, records, SENSOR, names).model.parameters
     for name in names:
-        assert found[name].value == pytest.approx(float(truth.parameters[name].value), rel=0.1), name
+        assert fitted[name].value == pytest.approx(float(truth.parameters[name].value), rel=0.1), name
 
 
 SLOW = joint(PositionServo(k_p=8.0, k_d=0.4), TorqueSpeedLimit(limit=1.5, k=0.3), Coulomb(tau_c=0.1))
@@ -203,15 +205,19 @@ def test_the_limit_of_a_servo_that_falls_with_speed_is_found(truth: Model) -> No
     k_p = float(truth.parameters["position_servo.k_p"].value)
     swung = swings(truth, n=4, about=math.pi)
     records = [dataclasses.replace(r, theta_dot=None) for r in swung]
-    found = diagnose(Model(GeneralJoint(), (PositionServo(k_p=k_p),), dt=truth.dt), records, Sensor(theta=0.001))
-    assert {s.effect for s in found.steps} == {"torque_speed_limit", "coulomb"}, str(found)
-    assert found.error.ratio < 1.5
-    assert "position_servo (k_d = " in str(found), "what the drive is fitted with is told beside the plant's numbers"
+    diagnosis = diagnose(Model(GeneralJoint(), (PositionServo(k_p=k_p),), dt=truth.dt), records, Sensor(theta=0.001))
+    assert {s.effect for s in diagnosis.steps} == {"torque_speed_limit", "coulomb"}, str(diagnosis)
+    assert diagnosis.error.ratio < 1.5
+    assert "position_servo (k_d = " in str(diagnosis), (
+        "what the drive is fitted with is told beside the plant's numbers"
+    )
     servo = truth.actuator
     assert servo is not None
     torques = [servo.torque(r.u, r.theta[:-1], r.theta_dot[:-1]) for r in swung[:3]]
     asked = float(np.sqrt(np.mean(np.square(torques))))
-    assert found.torque.drive == pytest.approx(asked, rel=0.3), "a torque, and not the angle that the drive was told"
+    assert diagnosis.torque.drive == pytest.approx(asked, rel=0.3), (
+        "a torque, and not the angle that the drive was told"
+    )
 
 
 def test_an_input_effect_is_told_in_the_unit_of_the_command() -> None:
@@ -253,9 +259,12 @@ def test_a_servo_whose_speed_is_limited_is_no_gear_that_takes_all_of_the_load(se
         run = simulate(truth, np.full((1, n), target), np.zeros(1), np.zeros(1))
         records += sensor.measure(run, np.random.default_rng(10 * seed + k))
     start = Model(GeneralJoint(J=0.1, G=0.0), (PositionServo(k_p=1.0, k_d=0.5),), RK4(substeps=2), dt=0.05)
-    found = diagnose(start, records, sensor, parameters=("J", "position_servo.k_d"))
-    assert [s.effect for s in found.steps] == ["torque_speed_limit"]
-    speed = found.steps[0].parameters["torque_speed_limit.no_load_speed"]
+    diagnosis = diagnose(start, records, sensor, parameters=("J", "position_servo.k_d"))
+    assert [s.effect for s in diagnosis.steps] == ["torque_speed_limit"]
+    speed = diagnosis.steps[0].parameters["torque_speed_limit.no_load_speed"]
     assert speed["value"] == pytest.approx(0.12 / 1.9, rel=0.02) and speed["unit"] == "rad/s"
-    assert "no_load_speed = 0.06" in str(found) and "torque_speed_limit.no_load_speed" not in found.model.parameters
+    assert (
+        "no_load_speed = 0.06" in str(diagnosis)
+        and "torque_speed_limit.no_load_speed" not in diagnosis.model.parameters
+    )
     assert not LoadFriction(mu=0.9999).plausible and LoadFriction(mu=0.3).plausible

@@ -103,11 +103,11 @@ def test_shapes_are_tried_in_every_combination() -> None:
 @pytest.mark.parametrize("u_max", [1e-7, 1e4, 1e9])
 def test_probes_stay_within_the_bounds_whatever_the_unit_of_the_torque(u_max: float) -> None:
     """A log in counts is no reason to end: an effect whose bounds do not reach so far is not tried."""
-    found = candidates(rod(), lambda kind: Extent(DT, 6.0, u_max))
-    assert {"coulomb", "viscous", "delay"} <= set(found)
-    sizes = [size for tried in found.values() for a in tried for size in a.sizes]
+    by_effect = candidates(rod(), lambda kind: Extent(DT, 6.0, u_max))
+    assert {"coulomb", "viscous", "delay"} <= set(by_effect)
+    sizes = [size for tried in by_effect.values() for a in tried for size in a.sizes]
     assert np.all(np.isfinite(sizes)) and np.all(sizes)
-    assert ("saturation" in found) == (u_max < 1e9)
+    assert ("saturation" in by_effect) == (u_max < 1e9)
 
 
 def test_candidates_are_what_the_model_neither_has_nor_excludes() -> None:

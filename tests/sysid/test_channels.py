@@ -109,13 +109,13 @@ def test_one_channel_is_all_there_is() -> None:
 def test_a_fit_relies_on_what_a_diagnosis_relies_on() -> None:
     """The late speed of a drive bends no fit; whoever asks whether it is late gets its readings."""
     records = [late(r, 0.1) for r in logs(Sensor(theta=ANGLE, theta_dot=SIMILAR))]
-    found = fit(JOINT, records)
-    assert found.sensor is not None and found.sensor.theta_dot is None
-    for name, value in found.values.items():
-        assert abs(value - float(JOINT.parameters[name].value)) < 4.0 * found.sd[name], name
+    estimate = fit(JOINT, records)
+    assert estimate.sensor is not None and estimate.sensor.theta_dot is None
+    for name, value in estimate.values.items():
+        assert abs(value - float(JOINT.parameters[name].value)) < 4.0 * estimate.sd[name], name
     bent = fit(JOINT, records, Sensor(theta=ANGLE, theta_dot=0.2 * SIMILAR))
     assert any(abs(v - float(JOINT.parameters[n].value)) > 4.0 * bent.sd[n] for n, v in bent.values.items())
-    for begun in (JOINT, found):
+    for begun in (JOINT, estimate):
         asked = add(begun, "filtered_speed", records).estimate
         assert asked.sensor is not None and asked.sensor.theta_dot is not None
         assert abs(asked.values["filtered_speed.T"] - 0.1) < 0.02

@@ -131,7 +131,7 @@ def test_slopes_of_a_step_are_the_models_derivatives():
     samples = Samples(model, [Record(run.t, u, run.theta, run.theta_dot)], Sensor(0.003, 0.05))
     motion = Motion(samples.smoothed, np.full(len(samples), 0.3), np.zeros((len(samples), 3)))
     motion = motion.of_model(samples, model)
-    found = LinearisedModel(samples, model, replace(motion, spread=np.zeros((len(samples), 6))))
+    linearised = LinearisedModel(samples, model, replace(motion, spread=np.zeros((len(samples), 6))))
     z, command = casadi.SX.sym("z", 6), casadi.SX.sym("u")
     *ends, (one, two) = model.move_with_inner(
         z[0], z[1], ((z[3],), (z[4], z[5])), (command,), 0.0, push=float(model.inertia()) * z[2]
@@ -139,7 +139,7 @@ def test_slopes_of_a_step_are_the_models_derivatives():
     slope = casadi.Function("slope", [z, command], [casadi.jacobian(casadi.vertcat(*ends, *one, *two), z)])
     for k in range(50):
         at = [*motion.x[k], motion.d[k], *motion.inner[k]]
-        np.testing.assert_allclose(found.system.A[k], np.array(slope(at, u[k])), rtol=2e-3, atol=2e-4)
+        np.testing.assert_allclose(linearised.system.A[k], np.array(slope(at, u[k])), rtol=2e-3, atol=2e-4)
 
 
 @pytest.mark.long
@@ -154,8 +154,8 @@ def test_where_a_record_begins_its_states_are_found():
     (long,) = logs(truth(effect), n=1, seconds=12.0)
     late = Record(long.t[200:], long.u[200:], long.theta[200:], long.theta_dot[200:])
     model = truth(effect)
-    found = fit_parameters(Samples(model, [late], Sensor(0.003, 0.05)), model, ("m", "l"))
-    assert abs(found.values[0] - 1.0) < 4.0 * math.sqrt(found.covariance[0, 0])
+    fit = fit_parameters(Samples(model, [late], Sensor(0.003, 0.05)), model, ("m", "l"))
+    assert abs(fit.values[0] - 1.0) < 4.0 * math.sqrt(fit.covariance[0, 0])
     assert held_out_error(model, [late], Sensor(0.003, 0.05)).ratio < 1.25
 
 

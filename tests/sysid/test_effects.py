@@ -105,8 +105,8 @@ def slopes_in_casadi(model, names, u):
         if k < len(u):
             *now, inner = symbolic.move_with_inner(*now, inner, next(torques), k * model.dt)
     jacobian = ca.Function("slopes", [p], [ca.jacobian(ca.vertcat(*path), p)])
-    found = np.array(jacobian([model.parameters[n].value for n in names]))
-    return found.T.reshape(len(names), len(u) + 1, 4).swapaxes(1, 2)
+    slopes = np.array(jacobian([model.parameters[n].value for n in names]))
+    return slopes.T.reshape(len(names), len(u) + 1, 4).swapaxes(1, 2)
 
 
 @pytest.mark.long
@@ -118,8 +118,8 @@ def test_the_slope_at_neutral_is_that_of_a_small_probe(effect):
     model = Model(ROD, (neutral,), RK4(substeps=2), 0.02)
     names = [f"{effect.name}.{k}" for k, p in neutral.parameters.items() if p.neutral is not None]
     u = multisine(np.random.default_rng(6), 60, 0.02, 2.0, 3.0)
-    found = slopes_in_casadi(model, names, u)
-    for name, slope in zip(names, found, strict=True):
+    slopes = slopes_in_casadi(model, names, u)
+    for name, slope in zip(names, slopes, strict=True):
         h = 1e-7
         moved = model.with_parameters({name: model.parameters[name].value + h})
         expected = (channels(moved, u) - channels(model, u)) / h
@@ -155,8 +155,8 @@ def test_a_static_input_effect_acts_before_delay_and_lag(catalogue, agree):
 
     u = np.random.default_rng(4).uniform(-1.5, 1.5, 100)
     path = (Lag(T=0.05), Delay(T=0.033), CheapDriver(k=0.8))
-    found = drives(Model(ROD, path, dt=0.02), u)
-    np.testing.assert_allclose(found, drives(Model(ROD, path[:2], dt=0.02), 0.8 * u - 0.1 * u**3), atol=1e-12)
+    torques = drives(Model(ROD, path, dt=0.02), u)
+    np.testing.assert_allclose(torques, drives(Model(ROD, path[:2], dt=0.02), 0.8 * u - 0.1 * u**3), atol=1e-12)
     agree(Model(ROD, path, dt=0.02), steps=100)
 
 

@@ -53,9 +53,9 @@ def fitted(record: Record) -> Fit:
 
 
 def balance_of(record: Record, model: Model = JOINT) -> EnergyBalance:
-    found = EnergyBalance.of(Samples(model, [record], SENSOR), model)
-    assert found is not None
-    return found
+    balance = EnergyBalance.of(Samples(model, [record], SENSOR), model)
+    assert balance is not None
+    return balance
 
 
 @pytest.mark.parametrize(
@@ -64,19 +64,21 @@ def balance_of(record: Record, model: Model = JOINT) -> EnergyBalance:
 @pytest.mark.parametrize("scale", [0.0, 0.01])
 def test_the_frictions_of_a_free_swing_are_told_from_each_other(planted: tuple[str, ...], scale: float) -> None:
     """They are, whatever the scale's error, which does no work over whole swings."""
-    found = balance_of(swing(damped(*planted), scale=scale)).frictions
-    assert {e.name for e in found} == set(planted)
-    for own in found:
-        (size,) = own.parameters.values()
-        assert float(size.value) == pytest.approx(SIZES[own.name], rel=0.2 if scale else 0.05)
+    frictions = balance_of(swing(damped(*planted), scale=scale)).frictions
+    assert {e.name for e in frictions} == set(planted)
+    for friction in frictions:
+        (size,) = friction.parameters.values()
+        assert float(size.value) == pytest.approx(SIZES[friction.name], rel=0.2 if scale else 0.05)
 
 
 def test_a_right_model_takes_what_is_lost() -> None:
     """Whitened errors have a mean square of 1 at the truth, and with another form of it; poorer models have more."""
     balance = balance_of(swing(damped("coulomb", "viscous")))
-    right, *wrong = (balance.errors(damped(*own)) for own in (("coulomb", "viscous"), ("coulomb",), ("viscous",), ()))
+    right, *wrong = (
+        balance.errors(damped(*names)) for names in (("coulomb", "viscous"), ("coulomb",), ("viscous",), ())
+    )
     assert np.mean(right**2) == pytest.approx(1.0, abs=0.3)
-    assert all(np.mean(own**2) > 100.0 for own in wrong)
+    assert all(np.mean(errors**2) > 100.0 for errors in wrong)
     refined = damped("viscous").with_effect(effect("stribeck", tau_c=0.05, excess=0.0))
     presliding = damped("viscous").with_effect(effect("dahl", tau_c=0.05, z_s=1e-3))
     np.testing.assert_allclose(balance.errors(refined), right, atol=1e-9)
@@ -105,12 +107,11 @@ def test_the_zero_of_the_angle_does_not_matter() -> None:
     record, model = swing(damped("coulomb", "viscous")), damped("coulomb", "viscous")
     off = replace(record, theta=record.theta + 0.01)  # type: ignore[operator]
     sizes = [
-        {e.name: float(p.value) for e in balance_of(own).frictions for p in e.parameters.values()}
-        for own in (record, off)
+        {e.name: float(p.value) for e in balance_of(r).frictions for p in e.parameters.values()} for r in (record, off)
     ]
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
-    told = balance_of(off).errors(model.with_effect(effect("angle_offset", offset=0.01)))
-    assert np.mean(told**2) == pytest.approx(1.0, abs=0.3)
+    errors = balance_of(off).errors(model.with_effect(effect("angle_offset", offset=0.01)))
+    assert np.mean(errors**2) == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_half_swing_in_which_time_is_lost_does_not_count() -> None:
@@ -129,36 +130,36 @@ def test_only_free_swings_with_enough_half_swings_have_one() -> None:
     driven = replace(record, u=record.u + 0.1 * np.sin(record.t[:-1]))
     axis = Model(LinearAxis(m=1.0), (), RK4(substeps=2), DT)
     speeds = replace(record, theta=None, theta_dot=np.gradient(record.theta, DT))
-    for own, one, sensor in (
+    for machine, one, sensor in (
         (model, few, SENSOR),
         (model, driven, SENSOR),
         (model, speeds, Sensor(theta_dot=0.05)),
         (axis, record, SENSOR),
     ):
-        assert EnergyBalance.of(Samples(own, [one], sensor), own) is None
+        assert EnergyBalance.of(Samples(machine, [one], sensor), machine) is None
 
 
 def test_half_swings_go_from_turning_point_to_turning_point() -> None:
     """Without friction each takes half a period, and the work from one end to the other is none, but for two readings'
     errors of 1 mrad."""
     samples = Samples(JOINT, [swing(JOINT)], SENSOR)
-    found = half_swings(samples)
+    swings = half_swings(samples)
     half_period = math.pi / math.sqrt(20.0) * (1.0 + 0.9**2 / 16.0 + 11.0 * 0.9**4 / 3072.0)
-    assert np.mean([own.t[-1] - own.t[0] for own in found]) == pytest.approx(half_period, rel=1e-3)
-    loss = Path(samples, found).work(JOINT).loss
+    assert np.mean([half.t[-1] - half.t[0] for half in swings]) == pytest.approx(half_period, rel=1e-3)
+    loss = Path(samples, swings).work(JOINT).loss
     assert math.sqrt(float(np.mean(loss**2))) < math.sqrt(2.0) * 1e-3
 
 
 def test_beside_a_scale_that_errs_it_tells_friction_where_the_readings_do_not() -> None:
     """The random torque that stands for the scale hides both frictions: their intervals reach from 0 to twice their
     sizes. With the balance, each is sure and right within a tenth."""
-    found = fitted(swing(damped("coulomb", "viscous"), scale=0.012))
-    beside = with_energy_balance(found)
-    for own, share in ((found, 0.9), (beside, 0.1)):
-        sd = np.sqrt(np.diag(own.covariance))[1:]
-        assert np.all((sd > share * np.array([0.05, 0.03])) == (own is found))
+    fit = fitted(swing(damped("coulomb", "viscous"), scale=0.012))
+    beside = with_energy_balance(fit)
+    for one, share in ((fit, 0.9), (beside, 0.1)):
+        sd = np.sqrt(np.diag(one.covariance))[1:]
+        assert np.all((sd > share * np.array([0.05, 0.03])) == (one is fit))
     assert beside.values[1:] == pytest.approx([0.05, 0.03], rel=0.1)
-    plain = fit_parameters(found.samples, damped("viscous"), ("G", "viscous.b"), beside)
+    plain = fit_parameters(fit.samples, damped("viscous"), ("G", "viscous.b"), beside)
     settings = SearchSettings()
     assert shows_in_balance(plain.model, beside, settings) and matters(plain.model, beside, settings)
     assert not shows_in_balance(beside.model, beside, settings)
@@ -172,10 +173,12 @@ def test_beside_a_torque_that_acts_at_random_the_intervals_cover() -> None:
     truth = np.array([20.0, 0.05, 0.03])
     model = damped("coulomb", "viscous")
     logs = [Samples(model, [swing(model, seed, torque=0.1)], SENSOR) for seed in range(40)]
-    fits = [fit_parameters(own, model, NAMES, disturbances=Disturbances(1.0, 0.3), settings=QUIET) for own in logs]
-    found = [with_energy_balance(own) for own in fits]
-    z = np.array([(own.values - truth) / np.sqrt(np.diag(own.covariance)) for own in found])
-    assert all(own.balance is not None for own in found)
+    fits = [
+        fit_parameters(samples, model, NAMES, disturbances=Disturbances(1.0, 0.3), settings=QUIET) for samples in logs
+    ]
+    balanced = [with_energy_balance(fit) for fit in fits]
+    z = np.array([(fit.values - truth) / np.sqrt(np.diag(fit.covariance)) for fit in balanced])
+    assert all(fit.balance is not None for fit in balanced)
     assert np.all(np.sum(np.abs(z) < 1.96, axis=0) >= 34), z
     assert np.all(np.mean(z**2, axis=0) > 0.4)
 
@@ -183,6 +186,6 @@ def test_beside_a_torque_that_acts_at_random_the_intervals_cover() -> None:
 @pytest.mark.long
 def test_a_diagnosis_names_both_frictions_beside_a_scale_that_errs() -> None:
     names = ("coulomb", "viscous", "drag", "torque_bias", "tilt")
-    found = diagnose(JOINT, [swing(damped("coulomb", "viscous"), scale=0.012)], SENSOR, effects=names)
-    assert {step.effect for step in found.steps} == {"coulomb", "viscous"}
-    assert found.error.ratio < found.base_error.ratio
+    diagnosis = diagnose(JOINT, [swing(damped("coulomb", "viscous"), scale=0.012)], SENSOR, effects=names)
+    assert {step.effect for step in diagnosis.steps} == {"coulomb", "viscous"}
+    assert diagnosis.error.ratio < diagnosis.base_error.ratio

@@ -68,7 +68,7 @@ def driven(
     gear = with_memory(rms * rng.standard_normal(u.shape), 0.05)
     gear += jolt * np.sign(theta_dot) * (np.abs(theta_dot) < 0.06)
     run = simulate(ROBOT, u + gear, np.full(len(w), math.pi), np.ones(len(w)))
-    return [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
+    return [dataclasses.replace(r, u=command) for r, command in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
 def guessed(samples: Samples, start: Model) -> Model:
@@ -81,11 +81,11 @@ def guessed(samples: Samples, start: Model) -> Model:
 def test_friction_far_above_gravity_and_inertia_is_found_from_a_default_joint(seed: int) -> None:
     """Neither inertia nor gravity means anything before both frictions are known."""
     records = driven((0.2, 0.4, 0.3), 7.0, 0.15, seed=seed)
-    found = diagnose(Model(GeneralJoint(), dt=DT), records, SENSOR, hold_out=1)
-    assert {s.effect for s in found.steps} == {"viscous", "coulomb"}
+    diagnosis = diagnose(Model(GeneralJoint(), dt=DT), records, SENSOR, hold_out=1)
+    assert {s.effect for s in diagnosis.steps} == {"viscous", "coulomb"}
     for name, value in zip(NAMES, TRUTH, strict=True):
-        assert found.estimate.values[name] == pytest.approx(value, rel=0.15)
-    assert found.error.ratio < 0.2 * found.base_error.ratio
+        assert diagnosis.estimate.values[name] == pytest.approx(value, rel=0.15)
+    assert diagnosis.error.ratio < 0.2 * diagnosis.base_error.ratio
 
 
 def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
@@ -96,7 +96,7 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     chosen = with_best_memory(began)
     likely = with_likely_shared_error(began)
     others = [fit_parameters(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
-    maximum_likelihood = min(others, key=lambda own: own.deviance)
+    maximum_likelihood = min(others, key=lambda fit: fit.deviance)
     assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (
         "the log does not tell likelihood from prediction"
     )
@@ -110,8 +110,8 @@ def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_
     samples = Samples(start, driven((0.2, 0.4), 7.0, 0.0), SENSOR)
     helped = with_common(samples, guessed(samples, start), ("J", "G"))
     assert {e.name for e in helped.model.effects} == {"viscous", "coulomb", "torque_bias"}
-    found = [float(helped.model.parameters[n].value) for n in NAMES]
-    np.testing.assert_allclose(found, TRUTH, rtol=0.02)
+    values = [float(helped.model.parameters[n].value) for n in NAMES]
+    np.testing.assert_allclose(values, TRUTH, rtol=0.02)
     plain = first_fit(samples, start, ("J", "G"))
     assert not plain.model.effects and plain.names == ("J", "G")
     assert plain.deviance > helped.deviance + 100.0
@@ -143,8 +143,8 @@ def test_friction_and_an_offset_that_no_motion_tells_apart_do_not_run_away() -> 
     records = spun_up(rms=0.01)
     model = Model(GeneralJoint(J=0.1, G=0.0), dt=DT)
     samples = Samples(model, records, Sensor(0.005, 0.3))
-    found = with_common(samples, initial_guess(model, ("J",), records, samples.sensor), ("J",))
-    values = dict(zip(found.names, found.values, strict=True))
+    fit = with_common(samples, initial_guess(model, ("J",), records, samples.sensor), ("J",))
+    values = dict(zip(fit.names, fit.values, strict=True))
     assert values["coulomb.tau_c"] - values["torque_bias.tau_0"] == pytest.approx(0.03, rel=0.05)
     assert abs(values["coulomb.tau_c"]) < 0.7 and abs(values["torque_bias.tau_0"]) < 0.7
     assert values["J"] == pytest.approx(1e-4, rel=0.05)
@@ -152,9 +152,9 @@ def test_friction_and_an_offset_that_no_motion_tells_apart_do_not_run_away() -> 
 
 def test_dry_friction_stands_for_an_offset_that_it_cannot_be_told_from() -> None:
     model = Model(GeneralJoint(J=0.1, G=0.0), dt=DT)
-    found = diagnose(model, spun_up(), Sensor(0.005, 0.3), hold_out=1, parameters=("J",))
-    assert {s.effect for s in found.steps} == {"viscous", "coulomb"}
-    assert found.error.ratio < 1.1
+    diagnosis = diagnose(model, spun_up(), Sensor(0.005, 0.3), hold_out=1, parameters=("J",))
+    assert {s.effect for s in diagnosis.steps} == {"viscous", "coulomb"}
+    assert diagnosis.error.ratio < 1.1
 
 
 def test_a_model_whose_numbers_are_all_known_is_diagnosed_too() -> None:
@@ -164,9 +164,9 @@ def test_a_model_whose_numbers_are_all_known_is_diagnosed_too() -> None:
     theta = math.pi + rng.uniform(0.5, 1.2, 4)
     records = Sensor(0.003, 0.05).measure(simulate(truth, np.zeros((4, 300)), theta, np.zeros(4)), rng)
     model = Model(GeneralJoint(J=0.1, G=2.0), dt=DT)
-    found = diagnose(model, records, Sensor(0.003, 0.05), hold_out=1, parameters=())
-    assert [s.effect for s in found.steps] == ["coulomb"] and found.estimate.names == ("coulomb.tau_c",)
-    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.05, rel=0.02)
+    diagnosis = diagnose(model, records, Sensor(0.003, 0.05), hold_out=1, parameters=())
+    assert [s.effect for s in diagnosis.steps] == ["coulomb"] and diagnosis.estimate.names == ("coulomb.tau_c",)
+    assert diagnosis.estimate.values["coulomb.tau_c"] == pytest.approx(0.05, rel=0.02)
 
 
 def test_the_inertia_of_a_quick_step_is_guessed() -> None:
@@ -193,9 +193,9 @@ def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
     machine = Model(GeneralJoint(J=0.016, G=0.0), (Coulomb(tau_c=0.2), limit), RK4(substeps=4), dt=0.01)
     u = np.where(np.arange(500) < 100, 0.0, np.array([[1.0], [0.8]]))
     records = Sensor(theta=5e-4).measure(simulate(machine, u, np.zeros(2), np.zeros(2)), rng)
-    found = diagnose(Model(GeneralJoint(G=0.0), integrator=RK4(substeps=4), dt=0.01), records, parameters=("J",))
-    assert "torque_speed_limit" in {s.effect for s in found.steps}
-    values = found.estimate.values
+    diagnosis = diagnose(Model(GeneralJoint(G=0.0), integrator=RK4(substeps=4), dt=0.01), records, parameters=("J",))
+    assert "torque_speed_limit" in {s.effect for s in diagnosis.steps}
+    values = diagnosis.estimate.values
     assert values["J"] == pytest.approx(0.016, rel=0.1)
     assert values["torque_speed_limit.limit"] / values["torque_speed_limit.k"] == pytest.approx(4.0 / 0.15, rel=0.05)
 
@@ -207,14 +207,16 @@ def test_a_drive_that_lets_the_joint_coast_is_told_from_one_that_brakes_it(coast
     rng, dt = np.random.default_rng(0), 0.01
     drive = (DCMotor(k_e=0.02), CoastingDrive(k=0.4)) if coasts else (DCMotor(k_e=0.42),)
     machine = Model(GeneralJoint(J=0.04, G=0.0), (*drive, Coulomb(tau_c=0.15)), RK4(substeps=2), dt)
-    told = np.repeat(np.array([[2.0, 0.0, -2.0, 0.0, 1.5, 0.0], [-1.5, 0.0, 2.0, 0.0, -2.0, 0.0]]), 200, axis=1)
-    records = Sensor(theta=0.002).measure(simulate(machine, told, np.full(2, math.pi), np.zeros(2)), rng)
+    commands = np.repeat(np.array([[2.0, 0.0, -2.0, 0.0, 1.5, 0.0], [-1.5, 0.0, 2.0, 0.0, -2.0, 0.0]]), 200, axis=1)
+    records = Sensor(theta=0.002).measure(simulate(machine, commands, np.full(2, math.pi), np.zeros(2)), rng)
     start = Model(GeneralJoint(G=0.0), (DCMotor(),), RK4(substeps=2), dt)
     guess = coasting_guess(start, ("J", "dc_motor.k_e"), records, Sensor(theta=0.002))
     assert (guess is not None) == coasts
-    found = diagnose(start, records, parameters=("J", "dc_motor.k_e"))
-    assert {s.effect for s in found.steps} == ({"coulomb", "coasting_drive"} if coasts else {"coulomb"}), str(found)
-    values, sd = found.estimate.values, found.estimate.sd
+    diagnosis = diagnose(start, records, parameters=("J", "dc_motor.k_e"))
+    assert {s.effect for s in diagnosis.steps} == ({"coulomb", "coasting_drive"} if coasts else {"coulomb"}), str(
+        diagnosis
+    )
+    values, sd = diagnosis.estimate.values, diagnosis.estimate.sd
     for name, value in {n: float(p.value) for n, p in machine.parameters.items() if n in values}.items():
         assert values[name] == pytest.approx(value, abs=4.0 * sd[name]), name
 
@@ -241,14 +243,14 @@ def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> N
     t = dt * np.arange(400)
     u = 0.25 * np.sin(2.0 * math.pi * (1.0 + 0.5 * t) * t)[None]
     fine = Model(GeneralJoint(J=2.6e-5, G=0.0), (DCMotor(k_e=0.0087),), RK4(substeps=40), dt)
-    own = Sensor(theta=0.0015).measure(simulate(fine, u, np.full(1, math.pi), np.zeros(1)), rng)[0]
-    theta = np.asarray(own.theta)
-    records = [Record(own.t[:-1], own.u[:-1], 0.5 * (theta[:-1] + theta[1:]))]
+    rollout = Sensor(theta=0.0015).measure(simulate(fine, u, np.full(1, math.pi), np.zeros(1)), rng)[0]
+    theta = np.asarray(rollout.theta)
+    records = [Record(rollout.t[:-1], rollout.u[:-1], 0.5 * (theta[:-1] + theta[1:]))]
     start = Model(GeneralJoint(G=0.0), (DCMotor(),), RK4(substeps=4), dt)
     names = ("J", "dc_motor.k_e")
-    found = first_fit(Samples(start, records, Sensor(theta=0.0015)), start, names)
-    assert found.values[0] < 2e-4
-    assert found.values[1] == pytest.approx(0.0087, rel=0.03)
+    fit = first_fit(Samples(start, records, Sensor(theta=0.0015)), start, names)
+    assert fit.values[0] < 2e-4
+    assert fit.values[1] == pytest.approx(0.0087, rel=0.03)
 
 
 @pytest.mark.parametrize(("torque", "G"), [(0.018, 0.09), (0.018, 1.0), (0.1, 1.0), (1.0 / 3.0, 1.0)])
@@ -288,10 +290,10 @@ def test_a_limit_far_below_the_commands_is_guessed_with_the_inertia_that_goes_wi
 @pytest.mark.long
 @pytest.mark.parametrize(("gain", "seed"), [(15.0, 1), (30.0, 0)])
 def test_a_limit_that_is_reached_nearly_always_is_no_inertia(gain: float, seed: int) -> None:
-    found = diagnose(Model(GeneralJoint(G=0.0), dt=0.02), [asked_for(gain, seed)], parameters=("J",))
-    assert {s.effect for s in found.steps} == {"viscous", "coulomb", "saturation"}
+    diagnosis = diagnose(Model(GeneralJoint(G=0.0), dt=0.02), [asked_for(gain, seed)], parameters=("J",))
+    assert {s.effect for s in diagnosis.steps} == {"viscous", "coulomb", "saturation"}
     for name, value in {"J": 0.25, "viscous.b": 1.5, "coulomb.tau_c": 0.4, "saturation.limit": 5.0}.items():
-        assert found.estimate.values[name] == pytest.approx(value, rel=0.02)
+        assert diagnosis.estimate.values[name] == pytest.approx(value, rel=0.02)
 
 
 def test_first_fits_free_what_was_asked_for_and_common_effects_and_nothing_else() -> None:
@@ -303,7 +305,7 @@ def test_first_fits_free_what_was_asked_for_and_common_effects_and_nothing_else(
     (record,) = SENSOR.measure(run, np.random.default_rng(1))
     start = Model(GeneralJoint(J=0.05, G=0.0), (PositionServo(k_p=20.0),), RK4(10), dt=DT)
     names = ("J", "position_servo.k_d")
-    found = first_fits(Samples(start, [record], SENSOR), start, names)
-    assert found
-    for fit in found:
+    fits = first_fits(Samples(start, [record], SENSOR), start, names)
+    assert fits
+    for fit in fits:
         assert {fit.model.parameters[n].owner for n in set(fit.names) - set(names)} <= set(COMMON)

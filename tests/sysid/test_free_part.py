@@ -91,9 +91,9 @@ def test_swings_before_a_stronger_push_are_kept() -> None:
 @pytest.mark.parametrize("theta", (0.8, 2.2))
 def test_a_first_swing_in_which_time_is_lost_is_left_out(theta: float, lost: float) -> None:
     """A logger that stops for a moment, or a hand that leads the pendulum, bends the first period by a sixth."""
-    own = swing(math.pi + theta)
+    angle = swing(math.pi + theta)
     at, change = round(0.9 * PERIOD / DT), round(lost * PERIOD / DT)
-    bent = np.concatenate([own[:at], np.full(max(change, 0), own[at]), own[at + max(-change, 0) :]])
+    bent = np.concatenate([angle[:at], np.full(max(change, 0), angle[at]), angle[at + max(-change, 0) :]])
     record, said = free_part(logged(bent, noise=3e-4))
     assert 0.9 * PERIOD < record.t[0] < 2.0 * PERIOD
     assert "in another time than later" in said
@@ -150,7 +150,7 @@ def test_a_diagnosis_is_not_bent_by_a_hand(made, seconds, tmp_path) -> None:
     write_csv(logged(made(*seconds)), tmp_path / "swing.csv")
     log = read(tmp_path / "swing.csv", thin=False)
     assert any("a hand holds or moves it there" in note for note in log.notes)
-    found = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
-    assert {step.effect for step in found.steps} == {"coulomb", "viscous"}
-    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.02, rel=0.02)
-    assert found.estimate.values["viscous.b"] == pytest.approx(0.01, rel=0.02)
+    diagnosis = diagnose(Model(GeneralJoint(), dt=log.dt), log, parameters=("G",))
+    assert {step.effect for step in diagnosis.steps} == {"coulomb", "viscous"}
+    assert diagnosis.estimate.values["coulomb.tau_c"] == pytest.approx(0.02, rel=0.02)
+    assert diagnosis.estimate.values["viscous.b"] == pytest.approx(0.01, rel=0.02)

@@ -64,7 +64,7 @@ def test_blocks_of_samples_do_not_change_the_answer(monkeypatch):
 def test_a_record_says_as_much_as_its_steps_one_by_one():
     records = noisy(rod(2.0, 1.5), n=2)
     steps = [r.part(k, k + 1) for r in records for k in range(len(r))]
-    whole, cut = (GridSearch().fit(rod(), own) for own in (records, steps))
+    whole, cut = (GridSearch().fit(rod(), log) for log in (records, steps))
     assert cut.values == whole.values and cut.n_readings == whole.n_readings
     np.testing.assert_allclose(cut.covariance, whole.covariance, rtol=1e-9)
 

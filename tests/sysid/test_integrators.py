@@ -184,9 +184,9 @@ def test_stick_slip_is_exact_for_constant_torques():
         free = speed + dt * a
         after = free - np.where(free > 0.0, np.minimum(free, dt * plus), np.maximum(free, -dt * minus))
         speed, moved = after, moved + 0.5 * dt * (speed + after)
-    found, path, moving = stick_slip(v, a, plus, minus, h)
-    np.testing.assert_allclose(found, speed, atol=1e-3)
+    exact, path, moving = stick_slip(v, a, plus, minus, h)
+    np.testing.assert_allclose(exact, speed, atol=1e-3)
     np.testing.assert_allclose(path, moved, atol=1e-3)
     assert np.all((moving >= 0.0) & (moving <= 1.0 + 1e-12))
     stays = (v == 0.0) & (a <= plus) & (a >= -minus)
-    assert np.any(stays) and np.all(found[stays] == 0.0) and np.all(path[stays] == 0.0) and np.all(moving[stays] == 0.0)
+    assert np.any(stays) and np.all(exact[stays] == 0.0) and np.all(path[stays] == 0.0) and np.all(moving[stays] == 0.0)

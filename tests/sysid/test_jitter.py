@@ -70,7 +70,9 @@ def test_numbers_are_recovered_within_their_errors():
 @pytest.mark.long
 def test_friction_is_named_beside_jitter_and_nothing_else():
     records = spun(2e-3, (Coulomb(tau_c=0.02),))
-    found = diagnose(Model(FAST, integrator=RK4(substeps=4), dt=DT), records)
-    assert {step.effect for step in found.steps} == {"viscous", "coulomb"}
-    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.02, abs=4.0 * found.estimate.sd["coulomb.tau_c"])
-    assert found.verdict == "missing"
+    diagnosis = diagnose(Model(FAST, integrator=RK4(substeps=4), dt=DT), records)
+    assert {step.effect for step in diagnosis.steps} == {"viscous", "coulomb"}
+    assert diagnosis.estimate.values["coulomb.tau_c"] == pytest.approx(
+        0.02, abs=4.0 * diagnosis.estimate.sd["coulomb.tau_c"]
+    )
+    assert diagnosis.verdict == "missing"

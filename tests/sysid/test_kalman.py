@@ -50,8 +50,8 @@ def system(seed: int, lengths: tuple[int, ...], read: str = "both channels") -> 
     follows[np.cumsum(lengths) - 1] = False
     shared = int(read == "speed alone, with o")
     weight = rng.uniform(2.0, 5.0, M) * there[:, shared]
-    gap, own = 0.05 * rng.standard_normal((M, A.shape[1])), INSIDE[: A.shape[1] - 2]
-    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, own, shared=shared)
+    gap, inner_sd = 0.05 * rng.standard_normal((M, A.shape[1])), INSIDE[: A.shape[1] - 2]
+    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, inner_sd, shared=shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +79,16 @@ class Dense:
         F, Q, shift = np.zeros((N * M, N * M)), np.zeros((N * M, N * M)), np.zeros(N * M)
         H = np.zeros((2 * M, N * M))
         for k in range(M):
-            own = slice(N * k, N * k + N)
-            H[2 * k : 2 * k + 2, own][:, :2] = given.H[k]
+            block = slice(N * k, N * k + N)
+            H[2 * k : 2 * k + 2, block][:, :2] = given.H[k]
             H[2 * k + given.shared, N * k + np.array(at[1:3])] = given.weight[k]
             if k == 0 or not given.follows[k - 1]:
-                Q[own, own] = start
+                Q[block, block] = start
                 continue
-            step = F[own, N * k - N : N * k]
+            step = F[block, N * k - N : N * k]
             step[np.ix_(at, at)], step[np.ix_(given.moving, given.driving)] = kept, given.A[k - 1]
-            Q[own, own][np.ix_(at, at)] = np.diag(variances) - kept @ np.diag(variances) @ kept.T
-            shift[own][given.moving] = given.gap[k - 1]
+            Q[block, block][np.ix_(at, at)] = np.diag(variances) - kept @ np.diag(variances) @ kept.T
+            shift[block][given.moving] = given.gap[k - 1]
         G = np.linalg.inv(np.eye(N * M) - F)
         return cls(N, G @ shift, G @ Q @ G.T, H, given.r.ravel())
 
@@ -108,12 +108,12 @@ class Dense:
 @pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
 def test_filtering_and_smoothing_are_conditioning(disturbances: Disturbances, read: str) -> None:
     given = system(1, (37, 24), read)
-    found = given.filter(disturbances)
+    filtered = given.filter(disturbances)
     mean, sd, deviance = Dense.of(given, disturbances).conditioned()
-    assert found.deviance == pytest.approx(deviance, rel=1e-9)
-    np.testing.assert_allclose(found.smooth(), mean, rtol=1e-7, atol=1e-7)
+    assert filtered.deviance == pytest.approx(deviance, rel=1e-9)
+    np.testing.assert_allclose(filtered.smooth(), mean, rtol=1e-7, atol=1e-7)
     # sd are differences of variances up to 900: what rounding leaves of them is the root of 1e-16 of that
-    np.testing.assert_allclose(found.posterior_sd(), sd, rtol=1e-6, atol=2e-6)
+    np.testing.assert_allclose(filtered.posterior_sd(), sd, rtol=1e-6, atol=2e-6)
 
 
 @pytest.mark.parametrize("disturbances", [BOTH, replace(BOTH, sigma_o=0.0)], ids=["d and o", "no o"])
@@ -125,20 +125,22 @@ def test_the_sd_of_a_sum_of_d_is_that_of_conditioning(disturbances: Disturbances
     S = dense.H @ dense.covariance @ dense.H.T + np.eye(len(dense.H))
     left = dense.covariance - dense.covariance @ dense.H.T @ np.linalg.solve(S, dense.H @ dense.covariance)
     d = left[2::4, 2::4]
-    found = given.filter(disturbances)
-    np.testing.assert_allclose(found.posterior_sd_of_sums(shares), np.sqrt(np.diag(shares.T @ d @ shares)), rtol=1e-5)
-    assert found.posterior_sd_of_sums(shares)[2] == pytest.approx(found.posterior_sd()[20, 2], rel=1e-9)
+    filtered = given.filter(disturbances)
+    np.testing.assert_allclose(
+        filtered.posterior_sd_of_sums(shares), np.sqrt(np.diag(shares.T @ d @ shares)), rtol=1e-5
+    )
+    assert filtered.posterior_sd_of_sums(shares)[2] == pytest.approx(filtered.posterior_sd()[20, 2], rel=1e-9)
 
 
 @pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
 def test_what_is_predicted_is_conditioned_on_what_came_before(disturbances: Disturbances) -> None:
     given = system(2, (20, 15), "mixed channels")
-    found, dense = given.filter(disturbances), Dense.of(given, disturbances)
+    filtered, dense = given.filter(disturbances), Dense.of(given, disturbances)
     for k in (0, 1, 7, 19, 20, 21, 34):
         mean, sd, _ = dense.conditioned(slice(0, 2 * k))
-        np.testing.assert_allclose(found.sd[k], sd[k], rtol=1e-6, atol=2e-6)
-        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance[k])), found.sd[k], rtol=1e-12)
-        np.testing.assert_allclose(found.states[k, -found.size :], mean[k], rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(filtered.sd[k], sd[k], rtol=1e-6, atol=2e-6)
+        np.testing.assert_allclose(np.sqrt(np.diag(filtered.covariance[k])), filtered.sd[k], rtol=1e-12)
+        np.testing.assert_allclose(filtered.states[k, -filtered.size :], mean[k], rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize("read", READ)
@@ -176,10 +178,10 @@ def test_vanishing_disturbances_are_none(size: float) -> None:
 @pytest.mark.parametrize("first", [1, 100, BLOCK - 1, BLOCK, BLOCK + 1])
 def test_where_a_block_ends_does_not_matter(first: int) -> None:
     """Records do not speak to each other, and another one in front moves the edges of the blocks within this one."""
-    front, own = system(11, (first,), "mixed channels"), system(12, (300, 5), "mixed channels")
+    front, behind = system(11, (first,), "mixed channels"), system(12, (300, 5), "mixed channels")
     fields = ("A", "gap", "H", "r", "weight", "follows")
-    both = LinearSystem(*(np.concatenate([getattr(front, f), getattr(own, f)]) for f in fields), DT)
-    together, apart = both.filter(BOTH), own.filter(BOTH)
+    both = LinearSystem(*(np.concatenate([getattr(front, f), getattr(behind, f)]) for f in fields), DT)
+    together, apart = both.filter(BOTH), behind.filter(BOTH)
     assert together.deviance == pytest.approx(front.filter(BOTH).deviance + apart.deviance, rel=1e-12)
     np.testing.assert_allclose(together.innovations[first:], apart.innovations, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(together.smooth()[first:], apart.smooth(), rtol=1e-9, atol=1e-10)
@@ -187,8 +189,8 @@ def test_where_a_block_ends_does_not_matter(first: int) -> None:
 
 
 def test_where_the_model_ran_away_no_disturbances_are_likelier_and_some_are_told() -> None:
-    own = system(0, (20,))
-    lost = replace(own, gap=np.full_like(own.gap, math.nan))
+    whole = system(0, (20,))
+    lost = replace(whole, gap=np.full_like(whole.gap, math.nan))
     filtered = lost.filter(BOTH)
     assert filtered.deviance == math.inf
     assert likelihood_ascent(filtered, np.full(3, -40.0)) is filtered

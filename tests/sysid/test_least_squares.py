@@ -71,15 +71,15 @@ def test_a_cold_start_ends_where_a_start_from_the_truth_ends(sensor):
 @pytest.mark.long
 def test_whole_steps_that_leave_the_optimum_are_halved():
     """Here Gauss-Newton's own steps grow: speeds alone hardly tell of a start near the upright."""
-    found = LeastSquares(sensor=PAPER, starts=1).fit(paper_model(), rollouts(PAPER, 50, 5))
-    assert "explained" in found.status
-    assert found.values == pytest.approx({"m": 2.0240159, "l": 1.4991440}, abs=1e-6)
+    estimate = LeastSquares(sensor=PAPER, starts=1).fit(paper_model(), rollouts(PAPER, 50, 5))
+    assert "explained" in estimate.status
+    assert estimate.values == pytest.approx({"m": 2.0240159, "l": 1.4991440}, abs=1e-6)
 
 
 def test_the_optimum_is_that_of_whole_rollouts():
     """SciPy's least squares of simulated rollouts, from where ours ended, goes nowhere."""
     records = rollouts(ENCODER, 2, 0)
-    found = LeastSquares(sensor=ENCODER).fit(paper_model(), records)
+    estimate = LeastSquares(sensor=ENCODER).fit(paper_model(), records)
 
     def residuals(z):
         model = paper_model(*z[:2])
@@ -87,12 +87,12 @@ def test_the_optimum_is_that_of_whole_rollouts():
         pairs = [(run.theta_read, run.theta_dot_read, r) for run, r in zip(runs, records, strict=True)]
         return np.concatenate([np.r_[(q - r.theta) / 0.01, v - r.theta_dot] for q, v, r in pairs])
 
-    begin = np.array([*found.values.values(), *(x for r in records for x in (r.theta[0], 0.0))])
-    own = least_squares(residuals, begin, x_scale="jac", xtol=1e-12, ftol=1e-12)
-    np.testing.assert_allclose(list(found.values.values()), own.x[:2], rtol=1e-6)
-    assert found.cost == pytest.approx(2.0 * own.cost, rel=1e-9)
-    covariance = np.linalg.inv(own.jac.T @ own.jac)[:2, :2]
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-3)
+    begin = np.array([*estimate.values.values(), *(x for r in records for x in (r.theta[0], 0.0))])
+    optimum = least_squares(residuals, begin, x_scale="jac", xtol=1e-12, ftol=1e-12)
+    np.testing.assert_allclose(list(estimate.values.values()), optimum.x[:2], rtol=1e-6)
+    assert estimate.cost == pytest.approx(2.0 * optimum.cost, rel=1e-9)
+    covariance = np.linalg.inv(optimum.jac.T @ optimum.jac)[:2, :2]
+    np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-3)
 
 
 def test_any_parameters_of_any_model():
@@ -132,9 +132,9 @@ def test_a_joint_that_sticks_is_fitted():
     truth = Model(GeneralJoint(J=0.05, G=1.2), (Coulomb(tau_c=0.5),), RK4(substeps=2), dt=0.02, u_max=2.0)
     names, cold = ("J", "G", "coulomb.tau_c"), truth.with_parameters({"J": 0.1, "G": 1.0, "coulomb.tau_c": 0.0})
     for seed in range(4):
-        found = LeastSquares(names, SENSOR, starts=1).fit(cold, lab(truth, SENSOR, n=2, length=200, seed=seed))
-        assert "explained" in found.status
-        assert_covered(found, truth)
+        estimate = LeastSquares(names, SENSOR, starts=1).fit(cold, lab(truth, SENSOR, n=2, length=200, seed=seed))
+        assert "explained" in estimate.status
+        assert_covered(estimate, truth)
 
 
 def test_a_long_record_that_is_sensitive_to_its_start_keeps_honest_intervals():
@@ -157,19 +157,19 @@ def test_a_model_that_cannot_follow_whole_rollouts_is_no_success_and_keeps_hones
     rng = np.random.default_rng(0)
     records = SENSOR.measure(simulate(truth, multisine(rng, 1000, 0.02, 1.5, 2.0), np.pi, 0.0), rng)
     lacking = Model(GeneralJoint(J=0.1, G=1.0), dt=0.02)
-    found = LeastSquares(("J", "G"), SENSOR, starts=1).fit(lacking, records)
-    assert not found.success
-    assert "beside a random torque" in found.status
-    assert 0.05 < found.random_torque < 0.5
-    assert_covered(found, truth)
+    estimate = LeastSquares(("J", "G"), SENSOR, starts=1).fit(lacking, records)
+    assert not estimate.success
+    assert "beside a random torque" in estimate.status
+    assert 0.05 < estimate.random_torque < 0.5
+    assert_covered(estimate, truth)
 
 
 def test_a_motion_hardly_larger_than_a_noise_that_is_told_too_small_is_followed():
     truth, rng = Model(GeneralJoint(J=0.12, G=1.3), (Viscous(b=0.05),), dt=0.02), np.random.default_rng(0)
     noisy = Sensor(theta=0.03, theta_dot=0.1)
     records = noisy.measure(simulate(truth, 0.03 * multisine(rng, 1000, 0.02, 1.5, 2.0), np.pi, 0.0), rng)
-    told = Sensor(theta=0.02, theta_dot=0.07)
-    assert LeastSquares(("J", "G", "viscous.b"), told, starts=1).fit(truth, records).success
+    stated = Sensor(theta=0.02, theta_dot=0.07)
+    assert LeastSquares(("J", "G", "viscous.b"), stated, starts=1).fit(truth, records).success
 
 
 def test_numbers_far_from_one_are_found_from_the_models_own():

@@ -101,15 +101,15 @@ def test_slopes_are_the_models_derivatives() -> None:
     """Against those that CasADi takes of the same equations, exactly."""
     samples = Samples(SMOOTH, records(SMOOTH), SENSOR)
     motion = near(samples)
-    found = LinearisedModel(samples, SMOOTH, motion).system
+    system = LinearisedModel(samples, SMOOTH, motion).system
     z, u, t = casadi.SX.sym("z", 3), casadi.SX.sym("u"), casadi.SX.sym("t")
     end = casadi.vertcat(*SMOOTH.move(z[0], z[1], (u + SMOOTH.inertia() * z[2],) * 2, t))
     slope = casadi.Function("slope", [z, u, t], [casadi.jacobian(end, z)])
     command = np.concatenate([np.append(r.u, 0.0) for r in samples.records])
     for k in np.flatnonzero(samples.follows):
         exact = np.array(slope([*motion.x[k], motion.d[k]], command[k], samples.time_since_start[k]))
-        np.testing.assert_allclose(found.A[k], exact, rtol=1e-6, atol=1e-8)
-    assert not np.any(found.A[~samples.follows]) and not np.any(found.gap[~samples.follows])
+        np.testing.assert_allclose(system.A[k], exact, rtol=1e-6, atol=1e-8)
+    assert not np.any(system.A[~samples.follows]) and not np.any(system.gap[~samples.follows])
 
 
 @pytest.mark.parametrize("effects", SHOWN.values(), ids=SHOWN.keys())
@@ -149,8 +149,8 @@ def test_changes_are_differences_of_the_model_itself(effects: tuple[Effect, ...]
             stepped(model.with_parameters({name: value + side * h}), samples, motion) for side in (1.0, -1.0)
         )
         read = ahead((seen_up - seen_down) / (2.0 * h), samples, linearised.ahead)
-        for found, expected in ((G[:, :, i], (up - down) / (2.0 * h)), (R[:, :, i], read)):
-            np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * max(1.0, np.abs(expected).max()))
+        for slope, expected in ((G[:, :, i], (up - down) / (2.0 * h)), (R[:, :, i], read)):
+            np.testing.assert_allclose(slope, expected, rtol=1e-4, atol=1e-6 * max(1.0, np.abs(expected).max()))
             size[i] += float(np.abs(expected).max())
     assert np.all(size > 1e-4), "a parameter moved nothing, and was not tested"
 
@@ -174,9 +174,9 @@ def test_a_late_sensor_is_moved_to_the_instant_that_it_shows() -> None:
     samples = Samples(model, records(model), SENSOR)
     linearised = LinearisedModel(samples, model, near(samples))
     assert linearised.ahead == (3, 3)
-    H, own = linearised.system.H, np.eye(2) / np.array([[0.003], [0.05]])
+    H, plain = linearised.system.H, np.eye(2) / np.array([[0.003], [0.05]])
     for first, last in zip(samples.first[:-1], samples.first[1:], strict=True):
-        np.testing.assert_allclose(H[first + 3 : last - 3], np.broadcast_to(own, (last - first - 6, 2, 2)), atol=1e-5)
+        np.testing.assert_allclose(H[first + 3 : last - 3], np.broadcast_to(plain, (last - first - 6, 2, 2)), atol=1e-5)
         assert not np.any(H[last - 3 : last]) and not np.any(linearised.system.r[last - 3 : last])
 
 
@@ -204,13 +204,13 @@ def test_what_an_effect_would_change_is_what_its_parameter_changes(name: str, nu
     neutral = effect(name).at_neutral()
     size = value - float(neutral.parameters[key].neutral)
     tried = [neutral.with_parameters({key: value}), neutral.with_parameters({key: value + size})]
-    found = LinearisedModel(samples, JOINT, motion).effect_changes(tried, [size, 2.0 * size])
+    changes = LinearisedModel(samples, JOINT, motion).effect_changes(tried, [size, 2.0 * size])
     freed = LinearisedModel(samples, JOINT.with_effect(neutral), motion).changes([f"{name}.{key}"])
     assert max(np.abs(v).max() for v in freed) > 1e-4
-    for own, expected in zip(found, freed, strict=True):
-        assert own.shape == (len(samples), 2, 2)
+    for change, expected in zip(changes, freed, strict=True):
+        assert change.shape == (len(samples), 2, 2)
         scale = max(1.0, float(np.abs(expected).max()))
-        np.testing.assert_allclose(own, np.repeat(expected, 2, axis=2), rtol=1e-3, atol=1e-4 * scale)
+        np.testing.assert_allclose(change, np.repeat(expected, 2, axis=2), rtol=1e-3, atol=1e-4 * scale)
 
 
 def test_a_joint_that_sticks_has_slopes_wide_enough_to_leave() -> None:
@@ -235,8 +235,8 @@ def test_a_filter_lets_a_joint_that_seemed_to_stick_go() -> None:
     samples = Samples(model, [Record(t, np.zeros(100), moves, np.sin(2.0 * t))], SENSOR)
     loose = Disturbances(10.0, T=0.3)
     motion = Motion(np.tile([math.pi, 0.0], (101, 1)), np.zeros(101), np.tile([1e-3, 0.05, 10.0], (101, 1)))
-    found = motion.x + LinearisedModel(samples, model, motion).system.filter(loose).smooth()[:, :2]
-    assert np.max(np.abs(found[:, 0] - moves)) < 0.02
+    states = motion.x + LinearisedModel(samples, model, motion).system.filter(loose).smooth()[:, :2]
+    assert np.max(np.abs(states[:, 0] - moves)) < 0.02
 
 
 def test_pieces_of_a_rollout_are_the_rollout() -> None:
@@ -249,14 +249,14 @@ def test_pieces_of_a_rollout_are_the_rollout() -> None:
     np.testing.assert_allclose(cut.time_since_start, one.time_since_start[rows], atol=1e-12)
     np.testing.assert_allclose(cut.time_since_start, cut.t, atol=1e-12)
     motion = near(one)
-    own = LinearisedModel(one, model, motion)
+    uncut = LinearisedModel(one, model, motion)
     again = LinearisedModel(cut, model, Motion(motion.x[rows], motion.d[rows], motion.spread[rows]))
     names = list(model.parameters)
     inside = cut.follows
-    for a, b in ((own.system.A, again.system.A), (own.system.gap, again.system.gap), (own.ends, again.ends)):
+    for a, b in ((uncut.system.A, again.system.A), (uncut.system.gap, again.system.gap), (uncut.ends, again.ends)):
         np.testing.assert_allclose(b[inside], a[rows][inside], atol=1e-7)
     np.testing.assert_allclose(
-        again.changes(names)[0][inside], own.changes(names)[0][rows][inside], rtol=1e-6, atol=1e-7
+        again.changes(names)[0][inside], uncut.changes(names)[0][rows][inside], rtol=1e-6, atol=1e-7
     )
 
 

@@ -79,10 +79,10 @@ def test_a_mass_on_a_spring_that_hardly_swings_is_found_with_its_friction():
     model = Model(LinearAxis(m=1.0), (effect("spring", k=9.8), effect("viscous", b=1.6)), RK4(substeps=2), 0.02)
     swing, rng = simulate(model, np.zeros(500), 0.25, 0.0), np.random.default_rng(0)
     record = Record(swing.t, swing.u, swing.theta + 4e-3 * rng.standard_normal(501))
-    found = diagnose(Model(LinearAxis(m=1.0), (), RK4(substeps=2), 0.02), [record])
-    assert {step.effect for step in found.steps} == {"spring", "viscous"}, found
-    assert found.estimate.values["spring.k"] == pytest.approx(9.8, rel=0.03)
-    assert found.estimate.values["viscous.b"] == pytest.approx(1.6, rel=0.05)
+    diagnosis = diagnose(Model(LinearAxis(m=1.0), (), RK4(substeps=2), 0.02), [record])
+    assert {step.effect for step in diagnosis.steps} == {"spring", "viscous"}, diagnosis
+    assert diagnosis.estimate.values["spring.k"] == pytest.approx(9.8, rel=0.03)
+    assert diagnosis.estimate.values["viscous.b"] == pytest.approx(1.6, rel=0.05)
 
 
 def test_a_ripple_conserves_energy_and_repeats_every_wave():
@@ -149,10 +149,10 @@ def test_a_spring_that_rests_elsewhere_is_no_heavy_load_behind_a_spring():
     hidden = (Spring(k=71.3), TorqueBias(tau_0=29.7), Viscous(b=0.022), Drag(c=0.14))
     sensor, plain = Sensor(theta=1e-4), Model(LinearAxis(m=1.0), (), RK4(substeps=2), dt=0.02)
     swings = simulate(replace(plain, effects=hidden), np.zeros((2, 2500)), np.array([0.49, 0.35]), np.zeros(2))
-    found = diagnose(plain, sensor.measure(swings, np.random.default_rng(0)), sensor, parameters=())
-    assert found.verdict == "missing" and {s.effect for s in found.steps} == {e.name for e in hidden}
+    diagnosis = diagnose(plain, sensor.measure(swings, np.random.default_rng(0)), sensor, parameters=())
+    assert diagnosis.verdict == "missing" and {s.effect for s in diagnosis.steps} == {e.name for e in hidden}
     for name, value in (("spring.k", 71.3), ("torque_bias.tau_0", 29.7), ("viscous.b", 0.022), ("drag.c", 0.14)):
-        assert abs(found.estimate.values[name] - value) < 4.0 * found.estimate.sd[name], name
+        assert abs(diagnosis.estimate.values[name] - value) < 4.0 * diagnosis.estimate.sd[name], name
 
 
 @pytest.mark.parametrize(("mu_drive", "mu_back", "plausible"), [(0.2, 0.4, True), (0.0, 1.0, False), (1.0, 1.0, False)])

@@ -107,9 +107,9 @@ def test_without_torque_it_is_a_free_swing(tmp_path):
 @pytest.mark.parametrize("command", ["current", "voltage", "position"])
 def test_a_command_that_is_asked_for_is_read_or_asked_after(tmp_path, command):
     (record,) = rollouts()
-    own = table(record)
-    told = own.pop("torque")
-    path = write(tmp_path / "log.csv", own | {"goal": told})
+    columns = table(record)
+    torque = columns.pop("torque")
+    path = write(tmp_path / "log.csv", columns | {"goal": torque})
     with pytest.raises(InvalidInput, match=f"no {command} that the machine was told.*perhaps columns {command}=goal"):
         read(path, command=command)
     with pytest.raises(InvalidInput, match="no column 'duty' for torque"):
@@ -129,8 +129,8 @@ def test_a_position_is_no_torque_where_none_is_told(tmp_path):
 @pytest.mark.parametrize("command", ["current", "voltage"])
 def test_a_command_called_what_it_is_is_read(tmp_path, command):
     (record,) = rollouts()
-    own = table(record)
-    path = write(tmp_path / "log.csv", own | {command: own.pop("torque"), "u": np.zeros(len(own["t"]))})
+    columns = table(record)
+    path = write(tmp_path / "log.csv", columns | {command: columns.pop("torque"), "u": np.zeros(len(columns["t"]))})
     same(read(path, command=command)[0], record)
 
 
@@ -456,8 +456,8 @@ def test_of_a_long_log_a_sample_is_taken_that_is_spread_over_it(n):
     assert sample_of(records, total) == tuple(records)
     sample = sample_of(records, total // 3)
     assert 0.2 * total < sum(map(len, sample)) < 0.4 * total
-    assert all(any(r.name.startswith(own.name) for own in records) for r in sample)
-    numbers = [next(k for k, own in enumerate(records) if r.name.split(",")[0] == own.name) for r in sample]
+    assert all(any(r.name.startswith(record.name) for record in records) for r in sample)
+    numbers = [next(k for k, record in enumerate(records) if r.name.split(",")[0] == record.name) for r in sample]
     places = [float(r.t[0]) + 60.0 / n * k for r, k in zip(sample, numbers, strict=True)]
     assert min(places) < 20.0 and max(places) > 36.0
 

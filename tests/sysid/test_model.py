@@ -52,7 +52,7 @@ def test_numbers_stay_of_their_kind(theta, theta_dot, commands, kind, all_effect
     for u in commands:
         state = model.advance(state, u, 0.1)
         reading, sensing = model.read(state.theta, state.theta_dot, sensing, 0.1)
-    entries = [state.theta, state.theta_dot, *reading, *(v for own in (*state.memory, *sensing) for v in own)]
+    entries = [state.theta, state.theta_dot, *reading, *(v for memory in (*state.memory, *sensing) for v in memory)]
     assert {getattr(v, "dtype", type(v)) for v in entries} == {kind}
 
 

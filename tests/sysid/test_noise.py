@@ -59,7 +59,7 @@ def truth(torque="multisine", hidden=(), dt=0.02, seconds=8.0, n=8, speed=1.0, l
 
 def ratios(run, sensor, seeds=4):
     """Found over put in, (seeds, 2)."""
-    found = []
+    rows = []
     for seed in range(seeds):
         records = sensor.measure(run, np.random.default_rng(seed))
         errors = [
@@ -67,19 +67,19 @@ def ratios(run, sensor, seeds=4):
             for c, true in (("theta", run.theta_read), ("theta_dot", run.theta_dot_read))
         ]
         noise = sensor_noise(records)
-        found.append([noise.sensor.theta / errors[0], noise.sensor.theta_dot / errors[1]])
-    return np.array(found)
+        rows.append([noise.sensor.theta / errors[0], noise.sensor.theta_dot / errors[1]])
+    return np.array(rows)
 
 
 SLOW = ({"torque": "random"}, {"torque": "steps", "speed": 12.0}, {"torque": "multisine", "l": 0.3}, {"torque": "free"})
 FOUND = {
-    **{f"{own}, {sensor}": ({"torque": own}, sensor, 4, 0.03) for own in TORQUES for sensor in (USUAL, LOUD)},
+    **{f"{torque}, {sensor}": ({"torque": torque}, sensor, 4, 0.03) for torque in TORQUES for sensor in (USUAL, LOUD)},
     **{
-        f"{own}, {hidden}": ({"torque": own, "hidden": HIDDEN[hidden]}, USUAL, 4, 0.05)
-        for own in ("random", "steps")
+        f"{torque}, {hidden}": ({"torque": torque, "hidden": HIDDEN[hidden]}, USUAL, 4, 0.05)
+        for torque in ("random", "steps")
         for hidden in list(HIDDEN)[1:]
     },
-    **{f"20 Hz, {own}": (own | {"dt": 0.05}, USUAL, 8, 0.05) for own in SLOW},
+    **{f"20 Hz, {torque}": (torque | {"dt": 0.05}, USUAL, 8, 0.05) for torque in SLOW},
 }
 
 
@@ -101,9 +101,9 @@ def test_a_long_log_tells_more(hidden, within):
 @pytest.mark.long
 def test_the_stated_error_is_the_scatter_over_seeds():
     run = truth("multisine", n=4)
-    found = [sensor_noise(USUAL.measure(run, np.random.default_rng(seed))) for seed in range(30)]
-    spread = np.std([noise.sensor.theta for noise in found], ddof=1) / 0.003
-    assert 0.6 < spread / np.mean([noise.error["theta"] for noise in found]) < 1.45
+    noises = [sensor_noise(USUAL.measure(run, np.random.default_rng(seed))) for seed in range(30)]
+    spread = np.std([noise.sensor.theta for noise in noises], ddof=1) / 0.003
+    assert 0.6 < spread / np.mean([noise.error["theta"] for noise in noises]) < 1.45
 
 
 # ---- sensors that are not ideal ----------------------------------------------------------------------------------
@@ -279,7 +279,7 @@ def test_a_thinned_record_is_as_noisy_as_its_readings_were():
     rng, t = np.random.default_rng(0), 0.001 * np.arange(20_001)
     whole = Record(t, np.zeros(20_000), 3.0 + np.sin(5.0 * t) + 0.01 * rng.standard_normal(20_001))
     thinned = whole.thinned(10)
-    found = sensor_noise([thinned.part(0, 700, "first"), thinned.part(700, 2000, "rest")])
-    assert found.sensor == sensor_noise([whole]).sensor and found.error == sensor_noise([whole]).error
+    noise = sensor_noise([thinned.part(0, 700, "first"), thinned.part(700, 2000, "rest")])
+    assert noise.sensor == sensor_noise([whole]).sensor and noise.error == sensor_noise([whole]).error
     alone = sensor_noise([replace(thinned, whole=None)])
-    assert alone.error["theta"] > 2.0 * found.error["theta"]
+    assert alone.error["theta"] > 2.0 * noise.error["theta"]

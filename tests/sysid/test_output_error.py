@@ -39,12 +39,12 @@ SENSORS = {"both": SENSOR, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05)
 
 def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, sensor: Sensor = SENSOR) -> list[Record]:
     rng = np.random.default_rng(seed)
-    found = []
+    records = []
     for i, n in enumerate(lengths):
         u = multisine(rng, n, model.dt, 2.0, 3.0)
         run = simulate(model, u, math.pi + 0.4 * (-1) ** i, 0.3)
-        found += sensor.measure(run, rng)
-    return found
+        records += sensor.measure(run, rng)
+    return records
 
 
 def differences(response: Response, starts: np.ndarray) -> np.ndarray:
@@ -95,16 +95,16 @@ def test_windows_tile_the_records(length: float, lead: float) -> None:
     records = logs(rod(), LENGTHS)
     windows = cut(records, length, lead)
     for i, record in enumerate(records):
-        own = [w for w in windows if w.record == i]
-        scored = [(w.begin + w.lead, w.begin + w.count) for w in own]
+        of_record = [w for w in windows if w.record == i]
+        scored = [(w.begin + w.lead, w.begin + w.count) for w in of_record]
         assert scored[0][0] == 0 and scored[-1][1] == len(record)
         assert all(end == begin for (_, end), (begin, _) in pairwise(scored))
         counts = [end - begin for begin, end in scored]
         assert max(counts) - min(counts) <= 1
         shortest = min(2.0 / 3.0 * length / DT, len(record))
         assert min(counts) >= math.floor(shortest)
-        assert len(own) == 1 or max(counts) <= math.ceil(1.5 * length / DT)
-        assert [w.lead for w in own] == [min(w.begin + w.lead, math.ceil(lead / DT - 1e-9)) for w in own]
+        assert len(of_record) == 1 or max(counts) <= math.ceil(1.5 * length / DT)
+        assert [w.lead for w in of_record] == [min(w.begin + w.lead, math.ceil(lead / DT - 1e-9)) for w in of_record]
 
 
 @pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS.keys())
@@ -159,8 +159,8 @@ def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[
 
     windows = Response(model, records, SENSOR, cut(records, 0.4, 0.2))
     starts = np.array([truth[w.record, w.begin] for w in windows.windows])
-    for w, own in zip(windows.windows, windows.states(starts), strict=True):
-        np.testing.assert_allclose(own[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
+    for w, states in zip(windows.windows, windows.states(starts), strict=True):
+        np.testing.assert_allclose(states[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
     if name != "all effects":  # a play's memory outlasts any lead-in
         assert np.max(np.abs(windows.linearise(starts).e)) < 1e-8, "the lead-in does not fill the memories"
 

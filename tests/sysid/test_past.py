@@ -69,12 +69,12 @@ def test_what_is_found_in_a_piece_is_what_is_found_in_the_whole(identifier: str,
     piece = log(effect)[0].part(200, 600)
     start = rod(dataclasses.replace(effect, **{name.split(".")[1]: 0.03}))
     if identifier == "fit":
-        found = fit(start, [piece], SENSOR, [name])
+        estimate = fit(start, [piece], SENSOR, [name])
     else:
         kind = LeastSquares if identifier == "least squares" else UnscentedKalman
-        found = kind([name], SENSOR).fit(start, [piece])
-    assert abs(found.values[name] - float(effect.parameters[name.split(".")[1]].value)) < 4.0 * found.sd[name]
-    assert found.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.15)
+        estimate = kind([name], SENSOR).fit(start, [piece])
+    assert abs(estimate.values[name] - float(effect.parameters[name.split(".")[1]].value)) < 4.0 * estimate.sd[name]
+    assert estimate.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.15)
 
 
 @pytest.mark.long
@@ -101,14 +101,14 @@ def test_gaps_hide_nothing_of_a_delay(tmp_path) -> None:  # type: ignore[no-unty
         )
     records = read(files)
     assert sum(r.starts_midway for r in records) == 16
-    found = diagnose(rod(), records, SENSOR)
-    assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
+    diagnosis = diagnose(rod(), records, SENSOR)
+    assert (diagnosis.verdict, [s.effect for s in diagnosis.steps]) == ("missing", ["delay"])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_long_swing_under_a_delay_is_found_through_short_windows(seed: int) -> None:
     """From the plain model a whole motion is too far off for a fit to arrive from."""
-    found = diagnose(Model(RodPendulum(g=9.81), dt=DT), log(Delay(T=0.1), seconds=20.0, seed=seed), SENSOR)
-    assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
-    assert found.estimate.values["delay.T"] == pytest.approx(0.1, abs=1e-3)
+    diagnosis = diagnose(Model(RodPendulum(g=9.81), dt=DT), log(Delay(T=0.1), seconds=20.0, seed=seed), SENSOR)
+    assert (diagnosis.verdict, [s.effect for s in diagnosis.steps]) == ("missing", ["delay"])
+    assert diagnosis.estimate.values["delay.T"] == pytest.approx(0.1, abs=1e-3)

@@ -153,8 +153,8 @@ def test_a_perfect_model_predicts_what_was_left_out_to_the_noise() -> None:
 @pytest.mark.parametrize(("seconds", "windows"), [(12.0, 12), (8.0, 8), (4.0, 8), (1.2, 4)])
 def test_windows_of_a_short_log_are_shorter(seconds: float, windows: int) -> None:
     """So that there are as many as blocks, down to the shortest that says anything."""
-    found = left_out_errors(fitted(seconds), 1.0, 8)
-    assert len(found.squares) == len(found.free) == windows
+    left_out = left_out_errors(fitted(seconds), 1.0, 8)
+    assert len(left_out.squares) == len(left_out.free) == windows
     assert all(w.count * DT >= SHORTEST_PREDICTION - 1e-9 for w in windows_of(fitted(seconds), seconds / windows))
 
 
@@ -167,9 +167,9 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     other = [w for w in windows_of(whole, 1.0) if w.record == 1]
     without = _without(whole, other).parameters
     sd = np.sqrt(np.diag(rest.covariance))
-    found = np.array([float(without[n].value) for n in NAMES])
+    values = np.array([float(without[n].value) for n in NAMES])
     assert np.max(np.abs(whole.values - rest.values) / sd) > 0.3, "the records agree too well to tell"
-    assert np.max(np.abs(found - rest.values) / sd) < 0.1
+    assert np.max(np.abs(values - rest.values) / sd) < 0.1
 
 
 @pytest.mark.parametrize("sensing", [SensorDelay(), FilteredSpeed()], ids=lambda e: e.name)
@@ -181,7 +181,7 @@ def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: 
     model = JOINT.with_effect(sensing)
     other = fit_parameters(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
     lead = max(lead_of(plain.model), lead_of(other.model))
-    a, b = (left_out_errors(own, SHORTEST_PREDICTION, 8, lead) for own in (plain, other))
+    a, b = (left_out_errors(fit, SHORTEST_PREDICTION, 8, lead) for fit in (plain, other))
     assert len(a.squares) == len(b.squares) != len(left_out_errors(plain, SHORTEST_PREDICTION, 8).squares)
     gain, sd = b.gain(a)
     assert abs(gain) < 4.5 * sd

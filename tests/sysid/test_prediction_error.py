@@ -44,19 +44,22 @@ def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tup
     return [made[2 * i : 2 * i + 2] for i in range(count)], starts
 
 
-def sd_of(found: Fit) -> np.ndarray:
+def sd_of(fit: Fit) -> np.ndarray:
     """sd (P,) of the fitted numbers."""
-    return np.sqrt(np.diag(found.covariance))
+    return np.sqrt(np.diag(fit.covariance))
 
 
 def test_output_error_reaches_the_bound() -> None:
     """No unbiased answer is better: its errors are as large as the Cramer-Rao bound says, and its sd are the bound."""
     given, starts = logs(16)
     information = fisher_information(JOINT, NAMES, given[0], SENSOR, starts[0])
-    found = [fit_parameters(Samples(AFAR, own, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD) for own in given]
-    assert all(f.converged for f in found)
-    np.testing.assert_allclose(sd_of(found[0]), np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.02)
-    errors = [(f.values - TRUTH, np.linalg.inv(f.covariance)) for f in found]
+    fits = [
+        fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
+        for records in given
+    ]
+    assert all(f.converged for f in fits)
+    np.testing.assert_allclose(sd_of(fits[0]), np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.02)
+    errors = [(f.values - TRUTH, np.linalg.inv(f.covariance)) for f in fits]
     squares, n = sum(float(e @ N @ e) for e, N in errors), 3 * len(given)  # chi-square of n degrees
     assert abs(squares - n) < 4.0 * math.sqrt(2.0 * n)
 
@@ -65,18 +68,18 @@ def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
     """The sizes of the disturbances are free, are found to be small, and cost next to nothing."""
     for records in logs(2, seed=1)[0]:
         samples = Samples(AFAR, records, SENSOR)
-        found = fit_parameters(samples, AFAR, NAMES)
+        fit = fit_parameters(samples, AFAR, NAMES)
         whole = fit_parameters(samples, AFAR, NAMES, disturbances=NONE, settings=HELD)
         other = sysid.LeastSquares(NAMES, SENSOR).fit(AFAR, records)
         sd = np.array(list(other.sd.values()))
-        assert found.converged
-        assert found.disturbances.s < 0.01 and found.disturbances.sigma_o < 0.5 * 0.003
-        assert np.max(np.abs(found.values - list(other.values.values())) / sd) < 0.4
+        assert fit.converged
+        assert fit.disturbances.s < 0.01 and fit.disturbances.sigma_o < 0.5 * 0.003
+        assert np.max(np.abs(fit.values - list(other.values.values())) / sd) < 0.4
         assert np.max(np.abs(whole.values - list(other.values.values())) / sd) < 0.02
         np.testing.assert_allclose(sd_of(whole), sd, rtol=0.02)
-        np.testing.assert_allclose(sd_of(found), sd, rtol=0.35)
-        assert found.deviance <= whole.deviance + 0.05
-        again = fit_parameters(samples, found.model, NAMES, near=found, disturbances=NONE, settings=HELD)
+        np.testing.assert_allclose(sd_of(fit), sd, rtol=0.35)
+        assert fit.deviance <= whole.deviance + 0.05
+        again = fit_parameters(samples, fit.model, NAMES, near=fit, disturbances=NONE, settings=HELD)
         assert np.max(np.abs(again.values - whole.values) / sd) < 0.05
 
 
@@ -94,47 +97,45 @@ def test_a_fit_that_is_fitted_again_does_not_move(model: Model, names: tuple[str
     (records,), _ = logs(1, seed=3, s=s, model=model)
     begin = model.with_parameters({"J": 0.4, "G": 1.5})
     samples = Samples(begin, records, SENSOR)
-    found = fit_parameters(samples, begin, names)
-    again = fit_parameters(samples, found.model, names, near=found)
-    anew = fit_parameters(samples, found.model, names, disturbances=found.disturbances)
-    assert found.converged and again.converged and anew.converged
+    fit = fit_parameters(samples, begin, names)
+    again = fit_parameters(samples, fit.model, names, near=fit)
+    anew = fit_parameters(samples, fit.model, names, disturbances=fit.disturbances)
+    assert fit.converged and again.converged and anew.converged
     for other, most in ((again, 0.05), (anew, 0.1)):
-        assert np.max(np.abs(other.values - found.values) / sd_of(found)) < most
-        assert abs(other.deviance - found.deviance) < 0.5
+        assert np.max(np.abs(other.values - fit.values) / sd_of(fit)) < most
+        assert abs(other.deviance - fit.deviance) < 0.5
 
 
 def test_where_it_began_does_not_matter() -> None:
     (records,), _ = logs(1, seed=4, s=0.6)
     samples = Samples(AFAR, records, SENSOR)
-    found = fit_parameters(samples, AFAR, NAMES)
+    fit = fit_parameters(samples, AFAR, NAMES)
     for numbers in ((0.15, 4.0, 0.3), (0.9, 1.0, 0.01)):
         other = fit_parameters(samples, JOINT.with_parameters(dict(zip(NAMES, numbers, strict=True))), NAMES)
-        assert np.max(np.abs(other.values - found.values) / sd_of(found)) < 0.1
+        assert np.max(np.abs(other.values - fit.values) / sd_of(fit)) < 0.1
 
 
 def test_a_motion_that_is_fitted_is_the_one_that_was_made() -> None:
     """Where no random torque acts the motion of the fit is the rollout itself: closer than its readings by far."""
     rng = np.random.default_rng(5)
     run = simulate(JOINT, multisine(rng, 300, DT, 1.5, 2.0), math.pi, 1.0)
-    found = fit_parameters(
-        Samples(AFAR, SENSOR.measure(run, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD
-    )
-    assert np.max(np.abs(found.motion.x[:, 0] - run.theta)) < 0.003
-    assert np.max(np.abs(found.motion.x[:, 1] - run.theta_dot)) < 0.01
-    assert np.max(np.abs(found.linearised.system.gap)) < 1e-4, "steps of the model end where the next one begins"
+    fit = fit_parameters(Samples(AFAR, SENSOR.measure(run, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
+    assert np.max(np.abs(fit.motion.x[:, 0] - run.theta)) < 0.003
+    assert np.max(np.abs(fit.motion.x[:, 1] - run.theta_dot)) < 0.01
+    assert np.max(np.abs(fit.linearised.system.gap)) < 1e-4, "steps of the model end where the next one begins"
 
 
 @pytest.mark.parametrize("s", [0.0, 0.6])
 def test_the_likelihood_falls_beside_the_found_disturbances(s: float) -> None:
     for records in logs(1, seed=6, s=s)[0]:
-        found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES)
-        here = found.filter.deviance
+        fit = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES)
+        here = fit.filter.deviance
         for move in ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.4, 0.4), (-0.4, 0.4)):
-            beside = found.linearised.system.filter(found.disturbances.scaled(np.exp([*move, 0.0])))
+            beside = fit.linearised.system.filter(fit.disturbances.scaled(np.exp([*move, 0.0])))
             assert beside.deviance > here - 0.1, move
         if s > 0.0:  # a size that is there is found, not only not refuted
             for move in (0.5, -0.5):
-                beside = found.linearised.system.filter(found.disturbances.scaled(np.exp([move, 0.0, 0.0])))
+                beside = fit.linearised.system.filter(fit.disturbances.scaled(np.exp([move, 0.0, 0.0])))
                 assert beside.deviance > here + 4.0
 
 
@@ -143,15 +144,15 @@ def test_sd_are_those_of_the_likelihood(s: float) -> None:
     """A number held k sd away, all others fitted again, raises the deviance by k^2: 4 for two sd."""
     (records,), _ = logs(1, seed=7, s=s)
     samples, close = Samples(AFAR, records, SENSOR), replace(HELD, settled=1e-3, negligible=1e-3)
-    found = fit_parameters(samples, AFAR, NAMES, disturbances=Disturbances(s, 0.3), settings=close)
-    sds = np.sqrt(np.diag(found.likelihood_covariance))
-    for name, value, sd in zip(NAMES, found.values, sds, strict=True):
+    fit = fit_parameters(samples, AFAR, NAMES, disturbances=Disturbances(s, 0.3), settings=close)
+    sds = np.sqrt(np.diag(fit.likelihood_covariance))
+    for name, value, sd in zip(NAMES, fit.values, sds, strict=True):
         rest = [n for n in NAMES if n != name]
         raised = [
             fit_parameters(
-                samples, found.model.with_parameters({name: value + k * sd}), rest, near=found, settings=close
+                samples, fit.model.with_parameters({name: value + k * sd}), rest, near=fit, settings=close
             ).filter.deviance
-            - found.filter.deviance
+            - fit.filter.deviance
             for k in (-2.0, 2.0)
         ]
         assert np.mean(raised) == pytest.approx(4.0, rel=0.15)
@@ -170,27 +171,27 @@ def test_bounds_are_kept_and_the_others_fitted_beside_them(
     plant = GeneralJoint(**start, bounds={name: bounds})
     model = replace(AFAR, plant=plant)
     samples = Samples(model, records, SENSOR)
-    found = fit_parameters(samples, model, NAMES, settings=QUIET)
+    fit = fit_parameters(samples, model, NAMES, settings=QUIET)
     rest = [n for n in NAMES if n != name]
     beside = fit_parameters(samples, model.with_parameters({name: end}), rest, settings=QUIET)
-    assert found.values[NAMES.index(name)] == end
-    own = np.array([found.values[NAMES.index(n)] for n in rest])
-    assert np.max(np.abs(own - beside.values) / sd_of(beside)) < 0.15
+    assert fit.values[NAMES.index(name)] == end
+    values = np.array([fit.values[NAMES.index(n)] for n in rest])
+    assert np.max(np.abs(values - beside.values) / sd_of(beside)) < 0.15
 
 
 def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None:
     """Of m, l and g two combinations show in the motion: these are found, the third stays, and its sd says so."""
     (records,), _ = logs(1, seed=10, model=replace(JOINT, effects=()))
     rod = replace(JOINT, plant=RodPendulum(m=1.0, l=1.0, g=9.81), effects=())
-    found = fit_parameters(Samples(rod, records, SENSOR), rod, ("m", "l", "g"), settings=QUIET)
+    fit = fit_parameters(Samples(rod, records, SENSOR), rod, ("m", "l", "g"), settings=QUIET)
     joint = replace(JOINT, effects=())
     other = fit_parameters(Samples(joint, records, SENSOR), joint, ("J", "G"), settings=QUIET)
-    J, G = float(found.model.inertia()), float(found.model.plant.gravity_torque(0.5 * math.pi))
-    assert found.converged
+    J, G = float(fit.model.inertia()), float(fit.model.plant.gravity_torque(0.5 * math.pi))
+    assert fit.converged
     np.testing.assert_allclose((np.array([J, G]) - other.values) / sd_of(other), 0.0, atol=0.2)
     start = np.array([1.0, 1.0, 9.81])
-    assert np.all(np.abs(found.values - start) < start)
-    assert np.all(np.isinf(sd_of(found)))
+    assert np.all(np.abs(fit.values - start) < start)
+    assert np.all(np.isinf(sd_of(fit)))
 
 
 def test_a_log_that_says_nothing_moves_nothing() -> None:
@@ -199,9 +200,9 @@ def test_a_log_that_says_nothing_moves_nothing() -> None:
         rng = np.random.default_rng(seed)
         read = (math.pi + 0.003 * rng.standard_normal(301), 0.05 * rng.standard_normal(301))
         rest = Record(DT * np.arange(301), np.zeros(300), *read)
-        found = fit_parameters(Samples(JOINT, [rest], SENSOR), JOINT, ("J", "G"), settings=QUIET)
-        assert np.all(np.abs(found.values - TRUTH[:2]) < 1.5 * TRUTH[:2])
-        assert np.max(sd_of(found) / found.values) > 0.4, "it is not known, and says so"
+        fit = fit_parameters(Samples(JOINT, [rest], SENSOR), JOINT, ("J", "G"), settings=QUIET)
+        assert np.all(np.abs(fit.values - TRUTH[:2]) < 1.5 * TRUTH[:2])
+        assert np.max(sd_of(fit) / fit.values) > 0.4, "it is not known, and says so"
 
 
 @pytest.mark.parametrize("J", [0.03, 0.3, 3.0])
@@ -211,8 +212,8 @@ def test_no_inertia_vanishes_where_a_random_torque_explains_all(J: float) -> Non
     start = replace(JOINT, plant=GeneralJoint(J=J, G=2.0), effects=())
     samples = Samples(start, [replace(r, u=np.zeros_like(r.u)) for r in records], SENSOR)
     for begin in (None, Disturbances(30.0, 0.01)):
-        found = fit_parameters(samples, start, ("J", "G"), disturbances=begin, settings=QUIET)
-        assert found.converged and 0.1 * J < found.values[0] < 10.0 * J
+        fit = fit_parameters(samples, start, ("J", "G"), disturbances=begin, settings=QUIET)
+        assert fit.converged and 0.1 * J < fit.values[0] < 10.0 * J
 
 
 def test_what_is_known_of_a_positive_number_is_its_logarithm() -> None:
@@ -237,38 +238,41 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     truth = paper_model(m=2.0, l=1.5)
     records = [r.averaged for r in paper_rollouts(truth, 4, np.random.default_rng(1), sigma=0.1)]
     samples = Samples(paper_model(), records, averaged_sensor(0.1))
-    found = fit_parameters(samples, paper_model(), ("m", "l"))
-    spread, widest = np.max(found.motion.spread, axis=0), np.array(Settings().widest)
+    fit = fit_parameters(samples, paper_model(), ("m", "l"))
+    spread, widest = np.max(fit.motion.spread, axis=0), np.array(Settings().widest)
     assert spread[0] <= widest[0]
     assert spread[1] <= widest[1] * np.std(samples.smoothed[:, 1]) + 1e-12
-    assert found.converged
-    assert np.max(np.abs(found.values - [2.0, 1.5]) / sd_of(found)) < 4.0 and sd_of(found)[0] < 0.05
+    assert fit.converged
+    assert np.max(np.abs(fit.values - [2.0, 1.5]) / sd_of(fit)) < 4.0 and sd_of(fit)[0] < 0.05
     anywhere = replace(Settings(), widest=(math.inf,) * 3, patience=40, least_share=1.0)
     anyhow = fit_parameters(samples, paper_model(), ("m", "l"), settings=anywhere)
-    assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], "wider slopes are another machine's"
+    assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(fit)[0], "wider slopes are another machine's"
     # what loses its way ends at the best place that it had
-    assert anyhow.deviance < found.deviance + 30.0
+    assert anyhow.deviance < fit.deviance + 30.0
 
 
 def test_a_model_that_runs_away_within_a_sample_has_a_fit_that_has_not_ended() -> None:
     (records,), _ = logs(1, seed=11, s=0.6)
     away = JOINT.with_effect(sysid.effect("sensor_delay", T=0.05)).with_effect(sysid.effect("drag", c=1e200))
-    found = fit_parameters(Samples(away, records, SENSOR), away, ("J", "sensor_delay.T"))
-    assert not found.converged and not math.isfinite(found.deviance)
+    fit = fit_parameters(Samples(away, records, SENSOR), away, ("J", "sensor_delay.T"))
+    assert not fit.converged and not math.isfinite(fit.deviance)
 
 
 def test_a_fit_without_free_numbers_finds_motion_and_disturbances() -> None:
     (records,), _ = logs(1, seed=11, s=0.6)
-    found = fit_parameters(Samples(JOINT, records, SENSOR), JOINT, ())
-    assert found.converged and found.covariance.shape == (0, 0) and found.values.shape == (0,)
-    assert found.disturbances.s == pytest.approx(0.6, rel=0.5)
+    fit = fit_parameters(Samples(JOINT, records, SENSOR), JOINT, ())
+    assert fit.converged and fit.covariance.shape == (0, 0) and fit.values.shape == (0,)
+    assert fit.disturbances.s == pytest.approx(0.6, rel=0.5)
 
 
 def test_records_of_different_lengths_count_as_one_log() -> None:
     """Their informations add: what two logs say together is what the sum of both says."""
     given, _ = logs(2, seed=12)
     cut = [given[0][0], given[0][1].head(170)], [given[1][0].head(31), given[1][1]]
-    apart = [fit_parameters(Samples(JOINT, own, SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD) for own in cut]
+    apart = [
+        fit_parameters(Samples(JOINT, records, SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD)
+        for records in cut
+    ]
     both = fit_parameters(Samples(JOINT, [*cut[0], *cut[1]], SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD)
     information = [np.linalg.inv(f.covariance) for f in apart]
     np.testing.assert_allclose(both.covariance, np.linalg.inv(sum(information)), rtol=0.05)
@@ -333,24 +337,24 @@ def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> Non
     u = np.stack([multisine(np.random.default_rng(10 * seed + k), 300, 0.02, 1.4, 1.0) for k in range(3)])
     gear = 0.15 * rng.standard_normal(u.shape)
     run = simulate(truth, u + gear, np.full(3, math.pi), np.zeros(3))
-    records = [replace(r, u=own) for r, own in zip(Sensor(theta=0.001).measure(run, rng), u, strict=True)]
+    records = [replace(r, u=command) for r, command in zip(Sensor(theta=0.001).measure(run, rng), u, strict=True)]
     start = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.1),), dt=0.02)
     samples = Samples(start, records, Sensor(theta=0.001))
-    whole, found = (
+    whole, fit = (
         fit_parameters(samples, start, ("J", "G", "coulomb.tau_c"), settings=replace(Settings(), patience=patience))
         for patience in (40, 12)
     )
-    assert found.converged
-    assert found.deviance < whole.deviance - 10.0
-    np.testing.assert_allclose(found.values, [0.04, 2.4, 0.5], rtol=0.1)
+    assert fit.converged
+    assert fit.deviance < whole.deviance - 10.0
+    np.testing.assert_allclose(fit.values, [0.04, 2.4, 0.5], rtol=0.1)
 
 
 def test_a_number_that_changes_nothing_leaves_the_others_as_sure_as_they_are() -> None:
     Z = np.random.default_rng(4).standard_normal((40, 3))
     alone = inverse(Z.T @ Z)
     Z = np.insert(Z, 1, 0.0, axis=1)
-    found, others = inverse(Z.T @ Z), np.ix_([0, 2, 3], [0, 2, 3])
-    np.testing.assert_allclose(found[others], alone, rtol=1e-12)
-    assert found[1, 1] == math.inf and not np.any(found[1, [0, 2, 3]])
+    covariance, others = inverse(Z.T @ Z), np.ix_([0, 2, 3], [0, 2, 3])
+    np.testing.assert_allclose(covariance[others], alone, rtol=1e-12)
+    assert covariance[1, 1] == math.inf and not np.any(covariance[1, [0, 2, 3]])
     assert np.all(inverse(np.ones((2, 2))) == math.inf), "two that change the same"
     assert inverse(np.zeros((0, 0))).shape == (0, 0)

@@ -41,35 +41,35 @@ def logs(*given: Any, **more: Any) -> list[Record]:
 def test_a_random_torque_is_found_beside_friction_and_the_numbers_stay_honest(s: float, T: float) -> None:
     """Of 30 logs 95 % of the 95 % intervals cover: 25 or more of 30, but for one set of logs in 700."""
     start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
-    found = [
+    fits = [
         fit_parameters(Samples(start, [r], SENSOR), start, DRY_NAMES, disturbances=Disturbances(6.0, T), settings=QUIET)
         for r in logs(DRY, 30, 300, s, T)
     ]
-    sizes = np.array([f.disturbances.s for f in found])
+    sizes = np.array([f.disturbances.s for f in fits])
     assert np.median(np.abs(sizes / s - 1.0)) < 0.2 and np.median(sizes) == pytest.approx(s, rel=0.15)
-    z = np.array([(f.values - DRY_TRUTH) / np.sqrt(np.diag(f.covariance)) for f in found])
+    z = np.array([(f.values - DRY_TRUTH) / np.sqrt(np.diag(f.covariance)) for f in fits])
     covered = np.sum(np.abs(z) < 1.96, axis=0)
     assert np.all(covered >= 25), covered
     # sd that are too wide cover too: what they promise is a mean square of 1
     assert np.mean(z**2) == pytest.approx(1.0, abs=0.5)
-    assert sum(f.converged for f in found) >= 28
+    assert sum(f.converged for f in fits) >= 28
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("s", "T"), [(0.5, 0.3), (1.5, 0.1), (0.5, 1.0)])
 def test_an_estimate_tells_how_large_the_random_torque_is_and_how_long_it_remembers(s: float, T: float) -> None:
     start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
-    found = sysid.fit(start, logs(DRY, 8, 500, s, T), SENSOR)
-    assert found.random_torque == pytest.approx(0.3 * s, rel=0.2)
-    assert found.correlation_time == T
-    assert found.to_dict()["correlation_time"] == T
+    estimate = sysid.fit(start, logs(DRY, 8, 500, s, T), SENSOR)
+    assert estimate.random_torque == pytest.approx(0.3 * s, rel=0.2)
+    assert estimate.correlation_time == T
+    assert estimate.to_dict()["correlation_time"] == T
 
 
 def test_intervals_are_as_wide_as_the_likelihood_says_where_nothing_is_missing() -> None:
     for record in logs(JOINT, 3, 300, 0.0, 0.1):
-        found = fit_parameters(Samples(JOINT, [record], SENSOR), JOINT, NAMES, settings=QUIET)
-        np.testing.assert_array_equal(found.wider, 1.0)
-        np.testing.assert_array_equal(found.covariance, inverse(found.Z.T @ found.Z))
+        fit = fit_parameters(Samples(JOINT, [record], SENSOR), JOINT, NAMES, settings=QUIET)
+        np.testing.assert_array_equal(fit.wider, 1.0)
+        np.testing.assert_array_equal(fit.covariance, inverse(fit.Z.T @ fit.Z))
 
 
 @pytest.mark.parametrize(("count", "n", "covers", "alone"), [(20, 500, 0.9, 0.85), (30, 200, 0.85, 0.8)])
@@ -81,9 +81,9 @@ def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought(
     truth, z, wider = np.array([0.3, 2.0, 0.07]), [], []
     for record in logs(JOINT, count, n, 0.6, 3.0, seed=5):
         white = Disturbances(6.0, 0.01)
-        found = fit_parameters(Samples(JOINT, [record], SENSOR), JOINT, NAMES, disturbances=white, settings=QUIET)
-        z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
-        wider.append(found.wider)
+        fit = fit_parameters(Samples(JOINT, [record], SENSOR), JOINT, NAMES, disturbances=white, settings=QUIET)
+        z.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance)))
+        wider.append(fit.wider)
     assert np.min(wider) >= 1.0
     assert np.all(np.mean(wider, axis=0)[1:] > 1.3), "gravity and friction are what a slow torque imitates"
     assert np.mean(np.abs(z) < 1.96) > covers
@@ -101,9 +101,9 @@ def test_an_error_that_speeds_share_is_told_from_a_random_torque() -> None:
         record = Record(t=coast.t, u=coast.u, theta_dot=coast.theta_dot + error + 0.05 * rng.standard_normal(1201))
         samples = Samples(wheel, [record], Sensor(theta_dot=0.05), speeds_share=True)
         beside = fit_parameters(samples, wheel, names)
-        found = fit_parameters(samples, wheel, names, beside, with_likely_shared_error(beside, (0.2,)))
-        assert found.disturbances.sigma_o == pytest.approx(0.5, rel=0.2) and found.disturbances.s < 0.1
-        z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
+        fit = fit_parameters(samples, wheel, names, beside, with_likely_shared_error(beside, (0.2,)))
+        assert fit.disturbances.sigma_o == pytest.approx(0.5, rel=0.2) and fit.disturbances.s < 0.1
+        z.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance)))
     assert np.mean(np.square(z)) < 3.0
 
 
@@ -156,8 +156,8 @@ def test_a_torque_is_said_to_depend_on_what_it_depends_on(planted: Effect, depen
 
 def missing(records: list[Record], names: tuple[str, ...] = NAMES) -> tuple[Fit, np.ndarray]:
     """A fit of the damped joint and the torque (M,) that it misses."""
-    found = fit_parameters(Samples(JOINT, records, SENSOR), JOINT, names, settings=QUIET)
-    return found, missing_torque(found, needed_disturbances(found))
+    fit = fit_parameters(Samples(JOINT, records, SENSOR), JOINT, names, settings=QUIET)
+    return fit, missing_torque(fit, needed_disturbances(fit))
 
 
 def test_a_random_torque_alone_depends_on_nothing() -> None:
@@ -174,17 +174,17 @@ def test_where_nothing_says_where_an_axis_is_nothing_depends_on_its_place() -> N
     u = np.array([multisine(rng, 500, DT, 1.5, 2.0) for _ in range(2)])
     records = sensor.measure(simulate(axis.with_effect(effect("drag", c=0.5)), u, np.zeros(2), np.zeros(2)), rng)
     samples = Samples(axis, records, sensor)
-    found = fit_parameters(samples, axis, ("m",), settings=QUIET)
-    answer = dependence(found, missing_torque(found, needed_disturbances(found)))
+    fit = fit_parameters(samples, axis, ("m",), settings=QUIET)
+    answer = dependence(fit, missing_torque(fit, needed_disturbances(fit)))
     assert answer.depends_on == ("theta_dot",)
     assert not any("theta" in name.split("+") for name in answer.shares)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
 def test_a_stretch_is_told_in_digits_that_show_it(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    (found, _), x = missing(logs(JOINT, 1, 500, 0.0, 0.1)), size * np.linspace(0.0, 2.0, 502)
+    (fit, _), x = missing(logs(JOINT, 1, 500, 0.0, 0.1)), size * np.linspace(0.0, 2.0, 502)
     monkeypatch.setattr(dependence_module, "coordinates", lambda _: {"torque": x})
-    said = dependence_module._where(found, "torque", np.where(x > 1.5 * size, 1.0, 0.0))
+    said = dependence_module._where(fit, "torque", np.where(x > 1.5 * size, 1.0, 0.0))
     low, high = (float(number) for number in re.findall(r"from (\S+) to (\S+) ", said)[0])
     assert low == pytest.approx(1.5 * size, abs=0.1 * size)
     assert high == pytest.approx(2.0 * size, abs=0.1 * size)
@@ -192,8 +192,8 @@ def test_a_stretch_is_told_in_digits_that_show_it(size: float, monkeypatch: pyte
 
 def test_the_missing_torque_is_what_acted() -> None:
     """Beside a model of the true numbers, within its noise; and nothing where nothing was missing."""
-    found, torque = missing(logs(JOINT.with_effect(Unknown(curve=gust)), 3, 500, 0.0, 0.1), ())
-    samples = found.samples
+    fit, torque = missing(logs(JOINT.with_effect(Unknown(curve=gust)), 3, 500, 0.0, 0.1), ())
+    samples = fit.samples
     x = samples.smoothed
     acted = slow(
         gust(Joint(x[:, 0], x[:, 1], samples.time_since_start + 0.5 * DT, 0.0, 0.0, JOINT.plant)), samples.number, DT
@@ -210,72 +210,72 @@ def test_the_missing_torque_is_what_acted() -> None:
 @pytest.mark.parametrize("s", [0.0, 0.1])
 def test_a_push_is_found(s: float) -> None:
     for seed in range(2):
-        (found,) = find_contacts(*missing(logs(JOINT, 2, 700, s, 0.1, seed, push=(1, 0.3))))
-        assert found.name == "rollout 1"
-        assert 3.2 < found.t_begin < 4.1 and 4.4 < found.t_end < 5.5
-        assert 0.15 < found.peak < 0.35
+        (contact,) = find_contacts(*missing(logs(JOINT, 2, 700, s, 0.1, seed, push=(1, 0.3))))
+        assert contact.name == "rollout 1"
+        assert 3.2 < contact.t_begin < 4.1 and 4.4 < contact.t_end < 5.5
+        assert 0.15 < contact.peak < 0.35
 
 
 def test_what_comes_with_the_largest_commands_is_no_push() -> None:
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
-    assert find_contacts(found, torque)
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    assert find_contacts(fit, torque)
     loud = np.ones(700)
     loud[round(3.5 / DT) : round(5.5 / DT)] = 6.0
-    found.samples.records = [replace(r, u=loud * r.u) for r in found.samples.records]
-    assert find_contacts(found, torque) == ()
+    fit.samples.records = [replace(r, u=loud * r.u) for r in fit.samples.records]
+    assert find_contacts(fit, torque) == ()
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.3])
 def test_what_comes_with_steps_of_the_command_is_no_push(seconds: float) -> None:
     """Of a drive that steps once, or ramps for so long, as what is missing begins: nobody waits for it. Behind a step
     2 s before, somebody may have pushed."""
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
-    first, second = found.samples.records
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    first, second = fit.samples.records
     for begin, pushed in ((4.0, False), (2.0, True)):
         step = 0.1 + 0.1 * np.clip((second.t[:-1] - begin + DT) / (seconds + DT), 0.0, 1.0)
-        found.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
-        assert bool(find_contacts(found, torque)) == pushed
+        fit.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
+        assert bool(find_contacts(fit, torque)) == pushed
 
 
 def test_what_peaks_after_steps_of_the_command_is_no_push_though_it_seems_to_begin_long_before_them() -> None:
     """The filter spreads what a quick motor does at its steps; somebody who waits for none of them pushed."""
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
-    (push,) = find_contacts(found, torque)
-    first, second = found.samples.records
-    peak = float(found.samples.t[700:][np.nanargmax(np.abs(torque[700:]))])
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    (push,) = find_contacts(fit, torque)
+    first, second = fit.samples.records
+    peak = float(fit.samples.t[700:][np.nanargmax(np.abs(torque[700:]))])
     assert peak - push.t_begin > 0.3
     for begin, pushed in ((peak - 0.05, False), (peak + 0.1, True)):
         step = np.where(second.t[:-1] < begin, 0.1, 0.2)
-        found.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
-        assert bool(find_contacts(found, torque)) == pushed
+        fit.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
+        assert bool(find_contacts(fit, torque)) == pushed
 
 
 def test_what_keeps_a_standing_joint_from_following_its_drive_is_no_push() -> None:
     """It is friction, of which no state tells how much it takes to break the joint away."""
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
-    assert find_contacts(found, torque)
-    inside = (found.samples.number == 1) & (np.abs(found.samples.t - 4.25) < 1.0)
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    assert find_contacts(fit, torque)
+    inside = (fit.samples.number == 1) & (np.abs(fit.samples.t - 4.25) < 1.0)
     for speed, drive, pushed in ((0.0, -0.5, False), (0.0, 0.5, True), (1.0, -0.5, True)):
-        found.motion.x[inside, 1] = speed
-        found.linearised.__dict__["drive_torques"] = np.full((len(found.samples), 2), drive)
-        assert bool(find_contacts(found, torque)) == pushed
+        fit.motion.x[inside, 1] = speed
+        fit.linearised.__dict__["drive_torques"] = np.full((len(fit.samples), 2), drive)
+        assert bool(find_contacts(fit, torque)) == pushed
 
 
 def test_a_push_is_found_in_the_last_of_several_pieces_of_one_record() -> None:
     """They share its name, as pieces between pushes do, and each has times of its own."""
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
-    (alone,) = find_contacts(found, torque)
-    first, second = found.samples.records
-    found.samples.records = [replace(first, name="swing"), replace(second, name="swing", t=second.t + 20.0)]
-    found.samples.__dict__["t"] = np.concatenate([r.t for r in found.samples.records])
-    (own,) = find_contacts(found, torque)
-    assert own.name == "swing" and own.t_begin == pytest.approx(alone.t_begin + 20.0)
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    (alone,) = find_contacts(fit, torque)
+    first, second = fit.samples.records
+    fit.samples.records = [replace(first, name="swing"), replace(second, name="swing", t=second.t + 20.0)]
+    fit.samples.__dict__["t"] = np.concatenate([r.t for r in fit.samples.records])
+    (contact,) = find_contacts(fit, torque)
+    assert contact.name == "swing" and contact.t_begin == pytest.approx(alone.t_begin + 20.0)
 
 
 def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:
-    found, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.02)))
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.02)))
     assert 0.008 < np.nanmax(torque) < 0.02, "it is seen"
-    assert find_contacts(found, torque) == ()
+    assert find_contacts(fit, torque) == ()
 
 
 def test_an_untouched_log_has_no_push() -> None:
@@ -291,7 +291,7 @@ def test_a_magnet_is_no_ripple_tilt_or_spring(seconds: float, seed: int) -> None
     """Each explains a part of any torque over the angle, together even most, with a number at its bound."""
     narrow = Unknown(curve=lambda joint: 2.0 * magnet(joint))
     records = logs(JOINT.with_effect(narrow), 4, round(seconds / DT), 0.05, 0.1, seed)
-    found = diagnose(JOINT, records, SENSOR, hold_out=1, effects=("ripple", "tilt", "spring"))
-    assert found.verdict == "unknown" and not found.steps
-    assert found.unconfirmed, "they were added first"
-    assert found.remaining is not None and found.remaining.depends_on == ("theta",)
+    diagnosis = diagnose(JOINT, records, SENSOR, hold_out=1, effects=("ripple", "tilt", "spring"))
+    assert diagnosis.verdict == "unknown" and not diagnosis.steps
+    assert diagnosis.unconfirmed, "they were added first"
+    assert diagnosis.remaining is not None and diagnosis.remaining.depends_on == ("theta",)

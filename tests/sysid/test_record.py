@@ -72,16 +72,16 @@ def test_what_covers_more_than_a_turn_was_never_wrapped():
 def test_a_thinned_record_is_the_same_motion_under_the_same_impulse(every):
     rng = np.random.default_rng(0)
     record = Record(0.01 * np.arange(101), rng.standard_normal(100), 0.3 * rng.random(101), rng.random(101))
-    for own in (record, record.part(20, 100)):
-        thin = own.thinned(every)
-        n = len(own) // every
+    for unthinned in (record, record.part(20, 100)):
+        thin = unthinned.thinned(every)
+        n = len(unthinned) // every
         assert len(thin) == n and thin.dt == pytest.approx(every * record.dt)
-        assert np.array_equal(thin.theta, own.theta[: n * every + 1 : every])
-        assert np.sum(thin.u) * thin.dt == pytest.approx(np.sum(own.u[: n * every]) * own.dt)
+        assert np.array_equal(thin.theta, unthinned.theta[: n * every + 1 : every])
+        assert np.sum(thin.u) * thin.dt == pytest.approx(np.sum(unthinned.u[: n * every]) * unthinned.dt)
         assert np.sum(thin.previous_commands) * every == pytest.approx(
-            np.sum(own.previous_commands[len(own.previous_commands) % every :])
+            np.sum(unthinned.previous_commands[len(unthinned.previous_commands) % every :])
         )
-        assert thin.time_since_start[0] == own.time_since_start[0]
+        assert thin.time_since_start[0] == unthinned.time_since_start[0]
 
 
 def test_the_head_is_a_record_of_the_first_intervals():

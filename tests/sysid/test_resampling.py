@@ -90,8 +90,8 @@ def test_a_step_that_is_no_gap_at_the_rate_of_the_slowest_rollout_cuts_nothing(t
     """Two rollouts, of which the faster lacks rows now and then, for no longer than the other's steps are."""
     t = 0.002 * np.arange(2000)
     fast, slow = np.delete(t, [k + j for k in range(100, 2000, 100) for j in range(4)]), t[::3]
-    for name, own in (("fast", fast), ("slow", slow)):
-        write(tmp_path / f"{name}.csv", {"t": own, "theta": np.sin(2.0 * own), "torque": np.zeros(len(own))})
+    for name, times in (("fast", fast), ("slow", slow)):
+        write(tmp_path / f"{name}.csv", {"t": times, "theta": np.sin(2.0 * times), "torque": np.zeros(len(times))})
     log = read([tmp_path / "fast.csv", tmp_path / "slow.csv"], thin=False)
     assert log.dt == pytest.approx(0.006) and len(log) == 2 and not any("gap" in note for note in log.notes)
 
@@ -170,10 +170,10 @@ def test_the_torque_of_a_row_without_a_reading_acts_all_the_same(tmp_path):
     columns = {name: v.copy() for name, v in table(record).items()}
     lacking = np.random.default_rng(0).choice(np.arange(1, len(record)), 20, replace=False)
     columns["theta"][lacking] = columns["theta_dot"][lacking] = math.nan
-    found = read(write(tmp_path / "log.csv", columns))[0]
-    np.testing.assert_allclose(found.u, record.u, atol=1e-12)
+    read_back = read(write(tmp_path / "log.csv", columns))[0]
+    np.testing.assert_allclose(read_back.u, record.u, atol=1e-12)
     kept = np.setdiff1d(np.arange(len(record) + 1), lacking)
-    np.testing.assert_allclose(found.theta[kept], record.theta[kept], atol=1e-12)
+    np.testing.assert_allclose(read_back.theta[kept], record.theta[kept], atol=1e-12)
 
 
 def test_stamps_in_seconds_since_1970_are_as_good_as_any(tmp_path):

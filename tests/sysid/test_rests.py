@@ -23,9 +23,9 @@ def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None) -> Rec
     return Record(DT * np.arange(N + 1), np.zeros(N), *noisy)
 
 
-def repeated(own: Record, sensor: Sensor) -> np.ndarray:
+def repeated(rollout: Record, sensor: Sensor) -> np.ndarray:
     """At which samples no reading is left, since another one stands for it."""
-    ((_, sds),) = readings_at_rest_merged([own], sensor)
+    ((_, sds),) = readings_at_rest_merged([rollout], sensor)
     return np.all(np.isinf(sds), axis=1)
 
 
@@ -69,15 +69,15 @@ def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
     assert np.any(repeated(both, Sensor(theta=0.001, theta_dot=0.001)))
 
 
-def weights(own: Record, sensor: Sensor) -> np.ndarray:
+def weights(rollout: Record, sensor: Sensor) -> np.ndarray:
     """1 / sd of the angle's readings, as a fit counts them."""
-    return Samples(Model(GeneralJoint(J=0.1, G=0.0), dt=DT), [own], sensor).weight[:, 0]
+    return Samples(Model(GeneralJoint(J=0.1, G=0.0), dt=DT), [rollout], sensor).weight[:, 0]
 
 
 def test_a_mean_at_rest_is_as_sure_as_its_readings_together() -> None:
-    own = weights(record(np.minimum(T, 0.5)), SENSOR)
-    assert np.count_nonzero(own) < 150
-    assert np.sum(own**2) == pytest.approx(500 / SENSOR.theta**2)
+    weight = weights(record(np.minimum(T, 0.5)), SENSOR)
+    assert np.count_nonzero(weight) < 150
+    assert np.sum(weight**2) == pytest.approx(500 / SENSOR.theta**2)
 
 
 def test_a_piece_of_a_log_that_does_nothing_but_rest_rests() -> None:
@@ -98,8 +98,8 @@ def test_what_noise_hides_is_no_rest() -> None:
 def test_a_mean_of_rounded_readings_is_no_surer_than_rounding() -> None:
     q = 0.003
     read = Record(T, np.zeros(499), q * np.round(np.where(T < 2.0, 0.3 * np.cos(3.0 * T), 0.3 * math.cos(6.0)) / q))
-    own = weights(read, Sensor(theta=q / math.sqrt(12.0)))
-    assert np.max(own) == pytest.approx(math.sqrt(12.0) / q, rel=1e-3)
+    weight = weights(read, Sensor(theta=q / math.sqrt(12.0)))
+    assert np.max(weight) == pytest.approx(math.sqrt(12.0) / q, rel=1e-3)
 
 
 def shaken(seed: int) -> tuple[Record, int]:
@@ -110,8 +110,8 @@ def shaken(seed: int) -> tuple[Record, int]:
         run = simulate(truth, push, np.array([0.5 * math.pi]), np.zeros(1))
         fast = np.abs(run.theta_dot[:, :-1]) > 1.0
         push = 0.3 * np.random.default_rng(seed).standard_normal(fast.shape) * fast
-    own = SENSOR.measure(simulate(truth, push, np.array([0.5 * math.pi]), np.zeros(1)), rng)[0]
-    return Record(own.t, np.zeros(len(own)), own.theta), int(np.flatnonzero(np.abs(run.theta_dot[0]) > 1e-3)[-1])
+    swing = SENSOR.measure(simulate(truth, push, np.array([0.5 * math.pi]), np.zeros(1)), rng)[0]
+    return Record(swing.t, np.zeros(len(swing)), swing.theta), int(np.flatnonzero(np.abs(run.theta_dot[0]) > 1e-3)[-1])
 
 
 @pytest.mark.long
@@ -121,5 +121,5 @@ def test_friction_is_found_however_long_the_joint_rests_afterwards(seed: int) ->
     whole, moving = shaken(seed)
     assert len(whole) > moving + 360
     model = Model(GeneralJoint(J=0.1, G=4.8), (Coulomb(tau_c=0.05), Viscous(b=0.012)), dt=DT)
-    found = fit_parameters(Samples(model, [whole], SENSOR), model, ("G", "coulomb.tau_c", "viscous.b")).estimate()
-    assert abs(found.values["coulomb.tau_c"] - 0.05) < 3.0 * found.sd["coulomb.tau_c"]
+    estimate = fit_parameters(Samples(model, [whole], SENSOR), model, ("G", "coulomb.tau_c", "viscous.b")).estimate()
+    assert abs(estimate.values["coulomb.tau_c"] - 0.05) < 3.0 * estimate.sd["coulomb.tau_c"]

@@ -33,11 +33,11 @@ U = multisine(np.random.default_rng(0), 400, 0.02, 2.0, 3.0)
 
 def watch(effect, theta, theta_dot, dt):
     """Readings (2, N+1) of a given motion."""
-    memory, found = effect.rest(theta[0], theta_dot[0], dt), []
+    memory, readings = effect.rest(theta[0], theta_dot[0], dt), []
     for k, state in enumerate(zip(theta, theta_dot, strict=True)):
         reading, memory = effect.read(Reading(*state), memory, k * dt, dt)
-        found.append(reading)
-    return np.array(found).T
+        readings.append(reading)
+    return np.array(readings).T
 
 
 def test_sensors_do_not_move_the_joint():
@@ -192,8 +192,8 @@ def test_an_eccentric_disc_is_found_and_named_where_the_joint_turns():
 
 @pytest.mark.long
 def test_where_the_joint_does_not_turn_nobody_speaks_of_an_eccentric_disc():
-    found = diagnose(rod(), logs(truth(ECCENTRIC)), SENSOR)
-    assert "eccentricity" not in {s.effect for s in found.steps}
+    diagnosis = diagnose(rod(), logs(truth(ECCENTRIC)), SENSOR)
+    assert "eccentricity" not in {s.effect for s in diagnosis.steps}
 
 
 # a speed that the drive smooths ----------------------------------------------------------------------------------
@@ -230,9 +230,9 @@ FILTERED = FilteredSpeed(T=0.03)
 def test_a_filter_of_the_speed_is_found_and_is_no_delay_of_the_sensor():
     records = logs(truth(FILTERED))
     assert_recovered(FILTERED, records)
-    found = assert_named(FILTERED, records)
-    assert found.sensor.theta_dot == SENSOR.theta_dot, "its speed was left out"
-    assert "sensor_delay" not in found.steps[0].indistinguishable
+    diagnosis = assert_named(FILTERED, records)
+    assert diagnosis.sensor.theta_dot == SENSOR.theta_dot, "its speed was left out"
+    assert "sensor_delay" not in diagnosis.steps[0].indistinguishable
 
 
 @pytest.mark.long
@@ -244,7 +244,7 @@ def test_a_delay_of_both_readings_is_no_filter():
 def test_a_speed_alone_tells_how_late_it_is(effect):
     """By filters and delays together; which of them it is takes more than this log."""
     sensor = Sensor(theta_dot=0.05)
-    found = diagnose(rod(), logs(truth(effect), sensor=sensor), sensor)
+    diagnosis = diagnose(rod(), logs(truth(effect), sensor=sensor), sensor)
     late = {"filtered_speed", "sensor_delay", "delay", "lag"}
-    assert found.steps and {s.effect for s in found.steps} <= late
-    assert sum(p["value"] for s in found.steps for p in s.parameters.values()) == pytest.approx(0.03, abs=0.004)
+    assert diagnosis.steps and {s.effect for s in diagnosis.steps} <= late
+    assert sum(p["value"] for s in diagnosis.steps for p in s.parameters.values()) == pytest.approx(0.03, abs=0.004)

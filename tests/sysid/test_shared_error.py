@@ -60,34 +60,34 @@ def fitted(record: Record) -> Fit:
 @pytest.mark.parametrize(("T_o", "seconds"), [(0.03, 2.0), (0.3, 20.0), (1.0, 2.0)])
 def test_the_sensors_noise_is_widened_to_what_predictions_err_by(T_o: float, seconds: float) -> None:
     """Predictions of a right model err by 1 in its units, though the refitted start absorbs much of a slow error."""
-    found = [fitted(filmed(120.0, T_o, seed)) for seed in range(3)]
-    sensors = [widened_sensor(own, seconds) for own in found]
-    assert all(NOISE < own.theta < 1.3 * SHARED for own in sensors if own.theta is not None)
-    errors = [fitted_error(own, seconds, sensor) for own, sensor in zip(found, sensors, strict=True)]
+    fits = [fitted(filmed(120.0, T_o, seed)) for seed in range(3)]
+    sensors = [widened_sensor(fit, seconds) for fit in fits]
+    assert all(NOISE < sensor.theta < 1.3 * SHARED for sensor in sensors if sensor.theta is not None)
+    errors = [fitted_error(fit, seconds, sensor) for fit, sensor in zip(fits, sensors, strict=True)]
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.15), errors
 
 
 def test_beside_a_random_torque_or_under_commands_it_is_not() -> None:
     model = Model(HANGING, (effect("viscous", b=0.05),), RK4(substeps=2), 0.02)
-    (pushed,), found = accelerated(model, 1, 1500, 0.5, 0.3)[1], fitted(filmed(40.0, 0.3, 0))
-    (swing,) = found.samples.records
-    for record, own in ((replace(pushed, u=0.0 * pushed.u), model), (replace(swing, u=swing.u + 1e-9), MACHINE)):
-        samples = Samples(own, [record], found.samples.sensor)
-        assert widened_sensor(fit_parameters(samples, own, ("G",)), 1.0) == samples.sensor
+    (pushed,), fit = accelerated(model, 1, 1500, 0.5, 0.3)[1], fitted(filmed(40.0, 0.3, 0))
+    (swing,) = fit.samples.records
+    for record, machine in ((replace(pushed, u=0.0 * pushed.u), model), (replace(swing, u=swing.u + 1e-9), MACHINE)):
+        samples = Samples(machine, [record], fit.samples.sensor)
+        assert widened_sensor(fit_parameters(samples, machine, ("G",)), 1.0) == samples.sensor
 
 
 @pytest.mark.parametrize("T_f", [0.1, 0.3, 1.0])
 def test_a_smooth_error_is_told_from_a_random_torque(T_f: float) -> None:
     """Its size is found, no random torque stands for it, and predictions of a right model err by 1."""
-    found = []
+    fits = []
     for seed in range(3):
         record = smoothly_filmed(MACHINE, 80.0, T_f, seed)
         beside = fit_parameters(Samples(MACHINE, [record], Sensor(theta=NOISE)), MACHINE, ("G", "drag.c"))
-        found.append(fit_parameters(beside.samples, MACHINE, beside.names, beside, with_smooth_error(beside)))
-    for own in found:
-        assert own.likeliest_torque.s == 0.0 and own.disturbances.T_f == T_f
-        assert own.disturbances.sigma_f == pytest.approx(5e-3, rel=0.3)
-    errors = [fitted_error(own, 2.0, widened_sensor(own, 2.0)) for own in found]
+        fits.append(fit_parameters(beside.samples, MACHINE, beside.names, beside, with_smooth_error(beside)))
+    for fit in fits:
+        assert fit.likeliest_torque.s == 0.0 and fit.disturbances.T_f == T_f
+        assert fit.disturbances.sigma_f == pytest.approx(5e-3, rel=0.3)
+    errors = [fitted_error(f, 2.0, widened_sensor(f, 2.0)) for f in fits]
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.15), errors
 
 
@@ -113,12 +113,12 @@ def test_a_smooth_error_of_speeds_is_told_from_a_random_torque() -> None:
         record = Record(t=pushed.t, u=pushed.u, theta_dot=pushed.theta_dot + error)
         samples = Samples(wheel, [record], Sensor(theta_dot=0.05), speeds_share=True)
         beside = fit_parameters(samples, wheel, names, disturbances=Disturbances(3.0, 0.1), settings=ALONE)
-        found = with_best_memory(beside)
-        assert found.deviance < beside.deviance - 20.0
-        assert found.disturbances.sigma_f == pytest.approx(0.5, rel=0.3) and found.disturbances.T_f == 0.3
-        sds = [np.sqrt(np.diag(own.covariance)) for own in (found, beside)]
+        fit = with_best_memory(beside)
+        assert fit.deviance < beside.deviance - 20.0
+        assert fit.disturbances.sigma_f == pytest.approx(0.5, rel=0.3) and fit.disturbances.T_f == 0.3
+        sds = [np.sqrt(np.diag(f.covariance)) for f in (fit, beside)]
         assert np.all(1.2 * sds[0] < sds[1])
-        z.append((found.values - truth) / sds[0])
+        z.append((fit.values - truth) / sds[0])
     assert np.mean(np.square(z)) < 3.0
 
 

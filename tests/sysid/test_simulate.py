@@ -25,11 +25,11 @@ def test_readings_have_the_stated_sd_and_no_bias(sensor):
         for column, channel in enumerate(errors):
             if np.all(np.isfinite(sds[:, column])):
                 errors[channel].append((values[:, column] - getattr(run, channel)[i]) / sds[:, column])
-    for channel, found in errors.items():
-        if not found:
+    for channel, parts in errors.items():
+        if not parts:
             assert getattr(sensor, channel) is None
             continue
-        e = np.concatenate(found)
+        e = np.concatenate(parts)
         # 4.5 standard errors of a standard deviation and of a mean
         assert np.std(e) == pytest.approx(1.0, abs=4.5 / math.sqrt(2.0 * len(e)))
         assert np.mean(e) == pytest.approx(0.0, abs=4.5 / math.sqrt(len(e)))

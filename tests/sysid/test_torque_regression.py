@@ -38,11 +38,11 @@ def along(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_friction_is_found_within_its_error_where_the_inertia_does_not_show(seed: int) -> None:
-    found = along(followed(0.002, B, TAU_C, 0.03, seed=seed))
-    assert found is not None
-    assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1]
-    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
-    assert found.share > 0.9
+    friction = along(followed(0.002, B, TAU_C, 0.03, seed=seed))
+    assert friction is not None
+    assert abs(friction.viscous[0] - B) < 4.0 * friction.viscous[1]
+    assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
+    assert friction.share > 0.9
 
 
 def led_along_a_sine(frequency: float, seed: int = 0, seconds: float = 10.0) -> Record:
@@ -58,11 +58,11 @@ def led_along_a_sine(frequency: float, seed: int = 0, seconds: float = 10.0) -> 
 @pytest.mark.parametrize("frequency", (1.5, 3.0, 6.0))
 def test_a_sine_of_any_frequency_tells_dry_friction_from_viscous(frequency: float) -> None:
     """Spans of a quarter of its period would be of one kind, and their friction could be either."""
-    found = along(led_along_a_sine(frequency), GeneralJoint(G=0.0), ("J",))
-    assert found is not None and not found.one_speed
-    assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1] + 0.02 * B
-    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C
-    assert found.inertia[0] == pytest.approx(0.01, rel=0.02)
+    friction = along(led_along_a_sine(frequency), GeneralJoint(G=0.0), ("J",))
+    assert friction is not None and not friction.one_speed
+    assert abs(friction.viscous[0] - B) < 4.0 * friction.viscous[1] + 0.02 * B
+    assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1] + 0.02 * TAU_C
+    assert friction.inertia[0] == pytest.approx(0.01, rel=0.02)
 
 
 @pytest.mark.parametrize("G", (0.0, 1.5))
@@ -72,8 +72,8 @@ def test_a_known_gravity_does_not_stand_for_inertia(G: float) -> None:
     assert record.theta is not None
     record = replace(record, u=record.u - G * np.sin(record.theta[:-1]))
     terms = telling_motion(Model(GeneralJoint(G=G), dt=record.dt), ("J",), [record], SENSOR)
-    found = regression(terms.columns, terms.speed_change)
-    assert found.value[:2] == pytest.approx([0.0, 100.0], rel=0.02) and found.sd[1] < 1.0
+    result = regression(terms.columns, terms.speed_change)
+    assert result.value[:2] == pytest.approx([0.0, 100.0], rel=0.02) and result.sd[1] < 1.0
 
 
 def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -> None:
@@ -85,11 +85,11 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
     torque = np.where(theta_dot == 0.0, 0.0, B * theta_dot + 3.0 * np.sign(theta_dot) + 0.4)
     torque += 0.05 * rng.standard_normal(len(t)) * (theta_dot != 0.0)
     record = Record(t, torque[:-1], theta, name="worm")
-    found = along(record, sensor=Sensor(theta=0.002))
-    assert found is not None
-    assert found.coulomb[0] == pytest.approx(3.0, rel=0.05)
-    assert found.viscous[0] == pytest.approx(B, rel=0.1)
-    assert found.load[0] == pytest.approx(0.4, rel=0.1)
+    friction = along(record, sensor=Sensor(theta=0.002))
+    assert friction is not None
+    assert friction.coulomb[0] == pytest.approx(3.0, rel=0.05)
+    assert friction.viscous[0] == pytest.approx(B, rel=0.1)
+    assert friction.load[0] == pytest.approx(0.4, rel=0.1)
 
 
 def led_past_gravity(seed: int, scatter: float, tau_c: float = TAU_C, wave: float = 0.01, way: float = 1.0) -> Record:
@@ -107,18 +107,18 @@ def led_past_gravity(seed: int, scatter: float, tau_c: float = TAU_C, wave: floa
 @pytest.mark.parametrize("way", (1.0, -1.0))
 def test_a_motion_in_one_direction_does_not_tell_friction_from_a_load(way: float) -> None:
     """A half of each would be certain and wrong: both together are told as what they may be."""
-    found = along(led_past_gravity(0, 0.003, wave=0.5, way=way))
-    assert found is not None and found.one_way and not found.one_speed
-    assert found.load == (0.0, 0.0)
-    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1]
+    friction = along(led_past_gravity(0, 0.003, wave=0.5, way=way))
+    assert friction is not None and friction.one_way and not friction.one_speed
+    assert friction.load == (0.0, 0.0)
+    assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_motion_at_one_speed_does_not_tell_dry_friction_from_viscous(seed: int) -> None:
-    found = along(led_past_gravity(seed, 0.03))
-    assert found is not None and found.one_way and found.one_speed
-    assert found.viscous == (0.0, 0.0)
-    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] < 0.2 * TAU_C
+    friction = along(led_past_gravity(seed, 0.03))
+    assert friction is not None and friction.one_way and friction.one_speed
+    assert friction.viscous == (0.0, 0.0)
+    assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1] < 0.2 * TAU_C
 
 
 @pytest.mark.parametrize(("tau_c", "b"), ((9.0, 0.0), (0.0, 1.0), (5.0, 0.5)))
@@ -149,13 +149,13 @@ def test_nor_does_one_speed_forth_and_another_back(tau_c: float, b: float) -> No
 @pytest.mark.parametrize("seed", (0, 3, 4))
 def test_no_limit_that_cuts_off_a_drive_stands_for_a_controller(seed: int) -> None:
     """A drive that gave nothing of what it is told, but a speed, would move just like this joint."""
-    found = diagnose(Model(JOINT, dt=DT), [led_past_gravity(seed, 0.04, tau_c=0.3)])
-    named, values = {step.effect for step in found.steps}, found.estimate.values
+    diagnosis = diagnose(Model(JOINT, dt=DT), [led_past_gravity(seed, 0.04, tau_c=0.3)])
+    named, values = {step.effect for step in diagnosis.steps}, diagnosis.estimate.values
     assert named <= {"viscous", "coulomb"}
-    if found.friction is None:
+    if diagnosis.friction is None:
         friction = values.get("viscous.b", 0.0) * 0.37 + values.get("coulomb.tau_c", 0.0)
     else:
-        friction = found.friction.coulomb[0] + 0.37 * found.friction.viscous[0]
+        friction = diagnosis.friction.coulomb[0] + 0.37 * diagnosis.friction.viscous[0]
     assert friction == pytest.approx(0.3, rel=0.05)
 
 
@@ -175,13 +175,13 @@ def test_the_frictions_of_a_heavy_arm_that_is_led_slowly_are_told_whatever_predi
     answer = diagnose(Model(JOINT, dt=dt), [record], Sensor(theta=7e-5))
     if answer.friction is None:
         values, sd = answer.estimate.values, answer.estimate.sd
-        found = [(values[name], sd[name]) for name in ("viscous.b", "coulomb.tau_c")]
+        frictions = [(values[name], sd[name]) for name in ("viscous.b", "coulomb.tau_c")]
     else:
-        found = [answer.friction.viscous, answer.friction.coulomb]
+        frictions = [answer.friction.viscous, answer.friction.coulomb]
         J, sd = answer.friction.inertia
         assert abs(J - 18.0) < 3.0 * sd + 1.0
         assert (f"an inertia of {J:.3g} +- " in answer.finding) is answer.friction.tells_inertia
-    for value, error in found:
+    for value, error in frictions:
         assert abs(value - 20.0) < 3.0 * error + 1.0, answer
 
 
@@ -212,22 +212,22 @@ def test_along_a_free_swing_no_torque_shows_a_friction() -> None:
 @pytest.mark.parametrize(("inertia", "contradicts"), [(1.0, False), (1.4, False), (1.6, True), (0.6, True)])
 def test_an_inertia_is_contradicted_only_by_one_that_surely_shows(inertia: float, contradicts: bool) -> None:
     for sd, shows in ((0.25, True), (0.5, False)):
-        found = FrictionAlong((0.1, 0.01), (0.2, 0.01), (0.0, 0.1), (1.0, sd), 0.95)
-        assert found.contradicts(inertia, 1.5) is (shows and contradicts)
-        assert not found.tells_inertia, "it is shown, but not sure enough to be told"
+        friction = FrictionAlong((0.1, 0.01), (0.2, 0.01), (0.0, 0.1), (1.0, sd), 0.95)
+        assert friction.contradicts(inertia, 1.5) is (shows and contradicts)
+        assert not friction.tells_inertia, "it is shown, but not sure enough to be told"
 
 
 def test_no_dry_friction_drives() -> None:
     """A torque that goes with the speed's sign is no friction, and what is left of it is viscous."""
-    found = along(followed(0.01, 4.0 * B, -0.2 * TAU_C, 0.01))
-    assert found is not None and found.coulomb == (0.0, 0.0) and 0.0 < found.viscous[0] < 4.0 * B
+    friction = along(followed(0.01, 4.0 * B, -0.2 * TAU_C, 0.01))
+    assert friction is not None and friction.coulomb == (0.0, 0.0) and 0.0 < friction.viscous[0] < 4.0 * B
 
 
 def test_a_friction_that_held_out_records_do_not_have_is_none() -> None:
     model, fitted = Model(GeneralJoint(), dt=DT), followed(0.002, B, TAU_C, 0.03)
     for other, there in ((followed(0.002, B, TAU_C, 0.03, seed=1), True), (followed(0.002, 0.5, 0.0, 0.03), False)):
-        found = friction_along(model, ("J", "G"), [fitted], [other], SENSOR)
-        assert (found is not None) is there
+        friction = friction_along(model, ("J", "G"), [fitted], [other], SENSOR)
+        assert (friction is not None) is there
 
 
 @pytest.mark.parametrize("G", [0.0, 0.4])
@@ -238,12 +238,12 @@ def test_a_gravity_that_is_known_is_taken_off_and_one_that_is_free_is_part_of_th
     record = replace(joint, u=joint.u - gravity + 0.1)
     weight = float(np.mean(gravity[: 3 * len(gravity) // 4]))
     for plant, names, load in ((GeneralJoint(G=G), ("J",), 0.1), (GeneralJoint(), ("J", "G"), 0.1 - weight)):
-        found = along(record, plant, names)
-        assert found is not None
-        assert abs(found.load[0] - load) < 4.0 * found.load[1] + 0.005, (
+        friction = along(record, plant, names)
+        assert friction is not None
+        assert abs(friction.load[0] - load) < 4.0 * friction.load[1] + 0.005, (
             "the middle of where it moves is not that of all"
         )
-        assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C
+        assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1] + 0.02 * TAU_C
 
 
 def test_the_load_of_an_axis_is_that_in_the_middle_of_its_motion() -> None:
@@ -252,9 +252,11 @@ def test_the_load_of_an_axis_is_that_in_the_middle_of_its_motion() -> None:
     record = replace(
         joint, theta=joint.theta + 40.0, u=joint.u + 0.02 * (joint.theta[:-1] - np.mean(joint.theta)) + 0.1
     )
-    found = along(record, LinearAxis(), ("m",))
-    assert found is not None
-    assert abs(found.load[0] - 0.1) < 4.0 * found.load[1] + 0.005, "the middle of what was fitted is not that of all"
+    friction = along(record, LinearAxis(), ("m",))
+    assert friction is not None
+    assert abs(friction.load[0] - 0.1) < 4.0 * friction.load[1] + 0.005, (
+        "the middle of what was fitted is not that of all"
+    )
 
 
 @pytest.mark.parametrize("k_e", [0.2, 0.3])
@@ -279,8 +281,8 @@ def test_standard_errors_cover() -> None:
     rng, truth, inside = np.random.default_rng(3), np.array([2.0, -1.0]), 0
     for _ in range(400):
         columns = rng.standard_normal((50, 2)) * [1.0, 1e-6]
-        found = regression(columns, columns @ (truth / [1.0, 1e-6]) + rng.standard_normal(50))
-        inside += abs(found.value[1] - truth[1] * 1e6) < 1.96 * found.sd[1]
+        result = regression(columns, columns @ (truth / [1.0, 1e-6]) + rng.standard_normal(50))
+        inside += abs(result.value[1] - truth[1] * 1e6) < 1.96 * result.sd[1]
     assert 0.92 < inside / 400 < 0.98
 
 

@@ -96,17 +96,17 @@ class LeastSquares:
             raise InvalidInput(f"starts = {self.starts!r}: expected a positive count")
         check_direct(model, "LeastSquares")
         samples = Samples(model, records, self.sensor)
-        found: list[Fit] = []
+        fits: list[Fit] = []
         for start in islice(parameter_starts(free), self.starts):
             here = self._from(samples, model, start)
-            agreed = any(abs(_squares(other) / _squares(here) - 1.0) < 1e-6 for other in found if _follows(other))
-            found.append(here)
+            agreed = any(abs(_squares(other) / _squares(here) - 1.0) < 1e-6 for other in fits if _follows(other))
+            fits.append(here)
             if _follows(here) and (agreed or _misfit(here) < 1.0):
                 break
-        following = [here for here in found if _follows(here)]
+        following = [here for here in fits if _follows(here)]
         if not following:
-            return self._beside_a_random_torque(samples, model, len(found))
-        return _estimate(min(following, key=_squares), len(found))
+            return self._beside_a_random_torque(samples, model, len(fits))
+        return _estimate(min(following, key=_squares), len(fits))
 
     def _from(self, samples: Samples, model: Model, start: Array) -> Fit:
         """The optimum that is reached from the parameters `start` (P,)."""
@@ -126,23 +126,23 @@ class LeastSquares:
         return replace(answer, success=False, status=status)
 
 
-def _follows(found: Fit) -> bool:
+def _follows(fit: Fit) -> bool:
     """Whether a fit has converged to an optimum at which the model follows the rollouts, or to twice the noise."""
-    y, weight = found.samples.y, found.samples.weight**2
+    y, weight = fit.samples.y, fit.samples.weight**2
     middle = np.sum(weight * y, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
     variation = float(np.sum(weight * (y - middle) ** 2))
-    return found.converged and _squares(found) < LOST * variation + 4.0 * found.samples.readings
+    return fit.converged and _squares(fit) < LOST * variation + 4.0 * fit.samples.readings
 
 
-def _squares(found: Fit) -> float:
+def _squares(fit: Fit) -> float:
     """The sum of the squared residuals, in units of the sensor's variance."""
-    return float(np.sum(found.linearised.system.r**2))
+    return float(np.sum(fit.linearised.system.r**2))
 
 
-def _misfit(found: Fit, quantile: float = 3.7) -> float:
+def _misfit(fit: Fit, quantile: float = 3.7) -> float:
     """The sum of squares divided by a chi-squared quantile, `quantile` sd above its mean; noise alone stays below 1."""
-    degrees = max(1, found.samples.readings - len(found.names) - 2 * len(found.samples.records))
-    return _squares(found) / (degrees + quantile * math.sqrt(2.0 * degrees))
+    degrees = max(1, fit.samples.readings - len(fit.names) - 2 * len(fit.samples.records))
+    return _squares(fit) / (degrees + quantile * math.sqrt(2.0 * degrees))
 
 
 def _estimate(best: Fit, used: int) -> Estimate:

@@ -108,19 +108,19 @@ class UnscentedKalman:
         check_sensor(self.sensor)
         coordinates = Coordinates(free)
         passes = [_Pass(self, model, coordinates, r) for r in records]
-        own = np.array([float(p.value) for p in free])
-        prior = _Gaussian.of(coordinates.inverse(own), PRIOR_SD**2 * np.eye(len(free)))
-        found: list[_Found] = []
+        numbers = np.array([float(p.value) for p in free])
+        prior = _Gaussian.of(coordinates.inverse(numbers), PRIOR_SD**2 * np.eye(len(free)))
+        outcomes: list[_Outcome] = []
         for start in islice(parameter_starts(free), STARTS):
             here = self._sweep(passes, prior, coordinates.inverse(start))
-            agreed = any(here.moved_from(other.known) < SETTLED for other in found if other.settled)
-            found.append(here)
+            agreed = any(here.moved_from(other.known) < SETTLED for other in outcomes if other.settled)
+            outcomes.append(here)
             if here.settled and (agreed or here.misfit < 1.0):
                 break
-        best = min(found, key=lambda f: (not f.settled, f.misfit))
-        return self._estimate(model, coordinates, best, len(found))
+        best = min(outcomes, key=lambda f: (not f.settled, f.misfit))
+        return self._estimate(model, coordinates, best, len(outcomes))
 
-    def _sweep(self, passes: Sequence[_Pass], prior: _Gaussian, start: Array) -> _Found:
+    def _sweep(self, passes: Sequence[_Pass], prior: _Gaussian, start: Array) -> _Outcome:
         """Sweeps from s = start (P,) until the estimate has settled."""
         nothing = _Gaussian(0.0 * prior.precision, 0.0 * prior.shift)
         factors = [nothing] * len(passes)
@@ -134,33 +134,33 @@ class UnscentedKalman:
                 view = known if sweep == 0 else known.halved()
                 after, own_squares, own_count = rollout(view, noisier)
                 if not np.all(np.isfinite(after.precision)):
-                    return _Found(known, squares, count, sweep, settled=False)
+                    return _Outcome(known, squares, count, sweep, settled=False)
                 replaced, factors[i] = factors[i], after - view
                 total = total - replaced + factors[i]
                 known = after if sweep == 0 else total
                 squares, count = squares + own_squares, count + own_count
             known = total
-            here = _Found(known, squares, count, sweep + 1, settled=False)
+            here = _Outcome(known, squares, count, sweep + 1, settled=False)
             if sweep > len(GENTLE) and here.moved_from(before) < SETTLED:
                 return replace(here, settled=True)
         return here
 
-    def _estimate(self, model: Model, coordinates: Coordinates, found: _Found, starts: int) -> Estimate:
+    def _estimate(self, model: Model, coordinates: Coordinates, outcome: _Outcome, starts: int) -> Estimate:
         names = tuple(self.parameters)
-        s, covariance = found.known.moments()
+        s, covariance = outcome.known.moments()
         slope = coordinates.slope(s)
         measured = [(c, getattr(self.sensor, c)) for c in CHANNELS]
         noise = {
-            channel: sd * math.sqrt(found.squares[row] / found.count[row])
+            channel: sd * math.sqrt(outcome.squares[row] / outcome.count[row])
             for row, (channel, sd) in enumerate(measured)
-            if sd is not None and found.count[row]
+            if sd is not None and outcome.count[row]
         }
-        if not found.settled:
-            status = f"did not settle in {found.sweeps} sweeps from any of {starts} starts: try LeastSquares"
-        elif found.misfit < 1.0:
-            status = f"settled in {found.sweeps} sweeps; the readings are explained to the sensor's noise"
+        if not outcome.settled:
+            status = f"did not settle in {outcome.sweeps} sweeps from any of {starts} starts: try LeastSquares"
+        elif outcome.misfit < 1.0:
+            status = f"settled in {outcome.sweeps} sweeps; the readings are explained to the sensor's noise"
         else:
-            size = math.sqrt(np.sum(found.squares) / np.sum(found.count))
+            size = math.sqrt(np.sum(outcome.squares) / np.sum(outcome.count))
             status = f"settled, but the best of {starts} starts leaves {size:.2g} times the expected errors: "
             status += "the model lacks something, or the sensor's sd is too small"
         return Estimate(
@@ -168,10 +168,10 @@ class UnscentedKalman:
             names=names,
             covariance=covariance * np.outer(slope, slope),
             noise=noise,
-            success=found.settled,
+            success=outcome.settled,
             status=status,
             cost=math.nan,
-            n_readings=int(np.sum(found.count)),
+            n_readings=int(np.sum(outcome.count)),
             method="unscented Kalman filter",
         )
 
@@ -207,7 +207,7 @@ class _Gaussian:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Outcome:
     """Where the sweeps from one start ended; squares and count (2,) are of the whitened innovations, by channel."""
 
     known: _Gaussian
@@ -280,7 +280,7 @@ class _Pass:
         """All sigma points (2 dim + 1, dim), moved by one control interval."""
         s = sigmas[:, 2:]
         self.rows[:] = self.coordinates(s).T
-        memory = tuple(tuple(_carried(v, self.s, s) for v in own) for own in self.memory)
+        memory = tuple(tuple(_carried(v, self.s, s) for v in values) for values in self.memory)
         drives, self.memory = self.model.drive(float(self.record.u[k]), memory)
         self.s = s
         after = sigmas.copy()

@@ -108,9 +108,9 @@ class DeadZone(InputEffect):
     confused = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether the drive gives something often enough (MOST_IDLE)."""
-        return _share(told.drive == 0.0) < MOST_IDLE
+        return _share(joint.drive == 0.0) < MOST_IDLE
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
@@ -151,10 +151,10 @@ class TorqueSpeedLimit(JointEffect):
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether the drive gives more than next to nothing often enough (MOST_IDLE), where it pushes the joint on."""
-        pushes = told.drive * told.theta_dot > 0.0
-        given = np.abs(told.drive + self.torque(told))
+        pushes = joint.drive * joint.theta_dot > 0.0
+        given = np.abs(joint.drive + self.torque(joint))
         return _share((given < NEXT_TO_NOTHING * float(self.limit))[pushes]) < MOST_IDLE
 
     def torque(self, joint: Joint) -> Value:

@@ -191,7 +191,7 @@ class Effect(Parametric):
         """Whether a machine may have these numbers, apart from their bounds."""
         return True
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether angle readings can show it in a motion.
 
         Parameters
@@ -200,7 +200,7 @@ class Effect(Parametric):
             The standard deviation of the angle readings [rad].
         reach : float
             The reach of the motion [rad].
-        told : Joint
+        joint : Joint
             The joint at those instants at which it moves and its drive is given a torque (and not a position).
 
         Returns

@@ -199,7 +199,7 @@ class Dahl(DynamicEffect):
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether z_s is above the sd (otherwise readings show Coulomb friction) and below a large share of the reach
         (otherwise the joint hardly slides)."""
         return sd < float(self.z_s) < LARGEST_GIVE * reach

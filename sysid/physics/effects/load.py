@@ -115,7 +115,7 @@ class Spring(JointEffect):
         """Whether it pulls back. What pushes outwards stands for something else, such as an uneven scale."""
         return float(self.k) >= 0.0
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether the motion stays within FURTHEST_WOUND."""
         return reach < FURTHEST_WOUND
 

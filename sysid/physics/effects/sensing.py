@@ -161,7 +161,7 @@ class Backlash(OutputEffect):
     stage = 0
     width: Value = parameter(0.0, unit="rad", bounds=(0.0, 1.0), neutral=0.0)
 
-    def resolved(self, sd: float, reach: float, told: Joint) -> bool:
+    def resolved(self, sd: float, reach: float, joint: Joint) -> bool:
         """Whether half of the play is more than the sd: the rounding of an encoder lags by as much."""
         return 0.5 * float(self.width) > sd
 
