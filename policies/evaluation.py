@@ -259,9 +259,9 @@ class PolicyBatch:
     def __call__(self, state: State, t: float, past_commands: Array | None = None) -> Array:
         shares = np.split(np.arange(len(state.theta)), len(self.policies))
         commands = []
-        for policy, own in zip(self.policies, shares, strict=True):
-            seen, known = State(state.theta[own], state.theta_dot[own]), getattr(policy, "history", 0)
-            history = (past_commands[own, :known],) if known and past_commands is not None else ()
+        for policy, share in zip(self.policies, shares, strict=True):
+            seen, known = State(state.theta[share], state.theta_dot[share]), getattr(policy, "history", 0)
+            history = (past_commands[share, :known],) if known and past_commands is not None else ()
             commands.append(policy(seen, t, *history))
         return np.concatenate(commands)
 

@@ -11,21 +11,21 @@ ROOT = Path(__file__).parents[1]
 def against_the_order(package: str, floors: Sequence[str]) -> list[str]:
     """Every import of the package that goes against the order of its floors, those inside functions and for types too;
     and every room that is on no floor."""
-    found = []
+    violations = []
     for path in sorted((ROOT / package).rglob("*.py")):
         room = path.relative_to(ROOT / package).parts[0].removesuffix(".py")
         if room in ("__init__", "__main__"):
             continue
         if room not in floors:
-            found.append(f"{path.relative_to(ROOT)} is in no known room: expected one of {', '.join(floors)}")
+            violations.append(f"{path.relative_to(ROOT)} is in no known room: expected one of {', '.join(floors)}")
             continue
         above = floors[: floors.index(room) + 1]
-        found += [
+        violations += [
             f"{path.relative_to(ROOT)} imports {name}"
             for name in imported(path)
             if name.startswith(f"{package}.") and name.split(".")[1] not in above
         ]
-    return found
+    return violations
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -40,7 +40,7 @@ def imported(path: Path) -> Iterator[str]:
 def circle(package: str) -> list[str]:
     """Modules of a package that import each other in a circle, inside functions and for types too, if any."""
     files = {_module(path): path for path in (ROOT / package).rglob("*.py")}
-    above = {name: {_owner(own, files) for own in imported(path)} - {name, ""} for name, path in files.items()}
+    above = {name: {_owner(target, files) for target in imported(path)} - {name, ""} for name, path in files.items()}
     try:
         tuple(TopologicalSorter(above).static_order())
     except CycleError as error:
@@ -54,4 +54,4 @@ def _module(path: Path) -> str:
 
 def _owner(name: str, files: Mapping[str, Path]) -> str:
     """The module of the package that something is taken from; "" for another package."""
-    return next((own for own in (name, name.rpartition(".")[0]) if own in files), "")
+    return next((module for module in (name, name.rpartition(".")[0]) if module in files), "")

@@ -82,19 +82,19 @@ class Wrong:
 
 def blocks(page: str) -> list[Block]:
     """The blocks of a page, each that is run with the output that follows it."""
-    found: list[Block] = []
+    parsed: list[Block] = []
     ends: list[int] = []
     for match in FENCE.finditer(page):
         marks = {m["name"]: m["value"] or "" for m in MARK.finditer(match["mark"])}
         line = page.count("\n", 0, match.start("text"))
-        own = Block(match["kind"], match["text"], line, marks, match.start("text"), match.end("text"))
-        follows = found and found[-1].kind in RUN and not page[ends[-1] : match.start()].strip()
-        if own.kind == "text" and follows and not marks:
-            found[-1] = Block(**{**vars(found[-1]), "shows": own})
+        block = Block(match["kind"], match["text"], line, marks, match.start("text"), match.end("text"))
+        follows = parsed and parsed[-1].kind in RUN and not page[ends[-1] : match.start()].strip()
+        if block.kind == "text" and follows and not marks:
+            parsed[-1] = Block(**{**vars(parsed[-1]), "shows": block})
         else:
-            found.append(own)
+            parsed.append(block)
         ends.append(match.end())
-    return found
+    return parsed
 
 
 def wrong(page: str, folder: Path, slow: bool = False) -> Iterator[Wrong]:
@@ -147,8 +147,8 @@ def wrong(page: str, folder: Path, slow: bool = False) -> Iterator[Wrong]:
                 if not answer:
                     yield Wrong(block, "", f"the interpreter ended, or it took more than {LONGEST:g} s")
                     return
-                told = json.loads(answer)
-                yield from judged(block, told["out"], told["failed"])
+                result = json.loads(answer)
+                yield from judged(block, result["out"], result["failed"])
     finally:
         with contextlib.suppress(BrokenPipeError):
             worker.stdin.close()
@@ -166,7 +166,7 @@ def judged(block: Block, printed: str, failed: bool) -> Iterator[Wrong]:
 def agrees(shown: str, printed: str) -> bool:
     """Whether a page shows what was printed: the same words, about the same numbers; `...` stands for any lines."""
     wanted = [_words(line) for line in shown.strip().splitlines()]
-    found = [_words(line) for line in printed.strip().splitlines()]
+    actual = [_words(line) for line in printed.strip().splitlines()]
     groups: list[list[str]] = [[]]
     for line in wanted:
         if line == "...":
@@ -174,15 +174,15 @@ def agrees(shown: str, printed: str) -> bool:
         else:
             groups[-1].append(line)
     if len(groups) == 1:
-        return _same(wanted, found)
+        return _same(wanted, actual)
     first, *middle, last = groups
-    if len(found) < sum(map(len, groups)) or not _same(first, found[: len(first)]):
+    if len(actual) < sum(map(len, groups)) or not _same(first, actual[: len(first)]):
         return False
-    if last and not _same(last, found[-len(last) :]):
+    if last and not _same(last, actual[-len(last) :]):
         return False
-    at, end = len(first), len(found) - len(last)
+    at, end = len(first), len(actual) - len(last)
     for group in middle:
-        places = (i for i in range(at, end - len(group) + 1) if _same(group, found[i : i + len(group)]))
+        places = (i for i in range(at, end - len(group) + 1) if _same(group, actual[i : i + len(group)]))
         place = next(places, None)
         if place is None:
             return False
@@ -194,14 +194,14 @@ def _words(line: str) -> str:
     return " ".join(line.split())
 
 
-def _same(wanted: list[str], found: list[str]) -> bool:
-    return len(wanted) == len(found) and all(map(_same_line, wanted, found))
+def _same(wanted: list[str], actual: list[str]) -> bool:
+    return len(wanted) == len(actual) and all(map(_same_line, wanted, actual))
 
 
-def _same_line(wanted: str, found: str) -> bool:
-    if NUMBER.sub("#", wanted) != NUMBER.sub("#", found):
+def _same_line(wanted: str, actual: str) -> bool:
+    if NUMBER.sub("#", wanted) != NUMBER.sub("#", actual):
         return False
-    return all(map(_near, NUMBER.findall(wanted), NUMBER.findall(found)))
+    return all(map(_near, NUMBER.findall(wanted), NUMBER.findall(actual)))
 
 
 def _near(a: str, b: str) -> bool:
@@ -218,15 +218,15 @@ def main(arguments: list[str]) -> int:
     for path in names or PAGES:
         page = path.read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:
-            found = list(wrong(page, Path(folder), "--slow" in arguments))
-        for own in reversed(found):
-            block = own.block
-            print(f"{path.relative_to(ROOT)}:{block.line}: {own.what}:\n{own.printed}")
+            mistakes = list(wrong(page, Path(folder), "--slow" in arguments))
+        for mistake in reversed(mistakes):
+            block = mistake.block
+            print(f"{path.relative_to(ROOT)}:{block.line}: {mistake.what}:\n{mistake.printed}")
             if "--write" in arguments and block.shows is not None and "\n...\n" not in f"\n{block.shows.text}":
-                page = page[: block.shows.begin] + own.printed.strip("\n") + "\n" + page[block.shows.end :]
+                page = page[: block.shows.begin] + mistake.printed.strip("\n") + "\n" + page[block.shows.end :]
         if "--write" in arguments:
             path.write_text(page, encoding="utf-8")
-        failures += len(found)
+        failures += len(mistakes)
     return int(failures > 0)
 
 

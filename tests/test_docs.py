@@ -22,15 +22,15 @@ def slug(heading):
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
-def said(found):
-    return "\n\n".join(f"line {w.block.line}: {w.what}:\n{w.block.text}\n--- printed:\n{w.printed}" for w in found)
+def said(mistakes):
+    return "\n\n".join(f"line {w.block.line}: {w.what}:\n{w.block.text}\n--- printed:\n{w.printed}" for w in mistakes)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", PAGES, ids=named)
 def test_blocks_run_and_print_what_the_page_shows(path, tmp_path):
-    found = list(wrong(path.read_text(encoding="utf-8"), tmp_path))
-    assert not found, said(found)
+    mistakes = list(wrong(path.read_text(encoding="utf-8"), tmp_path))
+    assert not mistakes, said(mistakes)
 
 
 @pytest.mark.slow
@@ -38,8 +38,8 @@ def test_blocks_run_and_print_what_the_page_shows(path, tmp_path):
 def test_slow_blocks_too(path, tmp_path, request):
     if "slow" not in request.config.option.markexpr:
         pytest.skip("this page has blocks that take minutes: python -m pytest tests/test_docs.py -m slow")
-    found = list(wrong(path.read_text(encoding="utf-8"), tmp_path, slow=True))
-    assert not found, said(found)
+    mistakes = list(wrong(path.read_text(encoding="utf-8"), tmp_path, slow=True))
+    assert not mistakes, said(mistakes)
 
 
 PAGE = """
@@ -96,15 +96,15 @@ def test_every_public_name_is_in_the_reference_once():
     pages = ("sysid.md", "effects.md", "policies.md")
     text = "".join((DOCS / "reference" / page).read_text(encoding="utf-8") for page in pages)
     for package, others in ((sysid, ["ops"]), (policies, [])):
-        found = re.findall(rf"^\.\. (?:autoclass|autofunction|data):: {package.__name__}\.(\w+)$", text, re.M)
-        assert sorted([*found, *others]) == sorted(package.__all__)
+        documented = re.findall(rf"^\.\. (?:autoclass|autofunction|data):: {package.__name__}\.(\w+)$", text, re.M)
+        assert sorted([*documented, *others]) == sorted(package.__all__)
 
 
 def explained(package):
     """The classes and functions of a package, but for effects, whose parameters are declared by their classes."""
     effects = {*sysid.CATALOGUE.values(), *ACTUATORS.values()}
-    found = {f"{package.__name__}.{name}": getattr(package, name) for name in package.__all__}
-    return {n: o for n, o in found.items() if (inspect.isclass(o) or inspect.isfunction(o)) and o not in effects}
+    members = {f"{package.__name__}.{name}": getattr(package, name) for name in package.__all__}
+    return {n: o for n, o in members.items() if (inspect.isclass(o) or inspect.isfunction(o)) and o not in effects}
 
 
 EXPLAINED = explained(policies) | explained(sysid)
@@ -148,15 +148,17 @@ def test_counts_of_real_logs_are_those_of_the_rows():
     for title, some in tables.items():
         table = [f"| {title} | rows | {' | '.join(verdicts)} |", "|---|---:|---:|---:|---:|---:|"]
         for kind in (*dict.fromkeys(r[0] for r in rows), "all"):
-            found = [v for k, v in some if kind in (k, "all")]
-            counts = " | ".join(map(str, (len(found), *map(found.count, verdicts))))
+            of_kind = [v for k, v in some if kind in (k, "all")]
+            counts = " | ".join(map(str, (len(of_kind), *map(of_kind.count, verdicts))))
             table.append(f"| {kind if kind == 'all' else f'[{kind}](#{slug(kind)})'} | {counts} |")
         assert "\n".join(table) in head
         assert f"| {title} | {counts} |" in evidence
     readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     right, nearly, silent, wrong = map([v for _, v in read_first].count, verdicts)
-    told = f"in {right} of them, and but for a small thing in {nearly}; it was `unknown` in {silent}, and a number or"
-    assert f"Before {len(rows)} other public logs" in readme and f"{told} an effect was wrong in {wrong}." in readme
+    counted = (
+        f"in {right} of them, and but for a small thing in {nearly}; it was `unknown` in {silent}, and a number or"
+    )
+    assert f"Before {len(rows)} other public logs" in readme and f"{counted} an effect was wrong in {wrong}." in readme
     right, nearly, _, wrong = map([v for _, v in answered_last].count, verdicts)
     assert f"Of the last answers {right} and {nearly} are so, and {wrong} are wrong." in readme
 

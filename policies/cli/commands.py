@@ -106,24 +106,25 @@ def _(command: EvaluateCommand) -> None:
     widest = max(len(b) for _, b in saved.policy.layers)
     check_size("bytes of memory for all start states:", 4.0 * widest * command.episodes, EVALUATION_MEMORY)
     starts = fresh_start_states(command.seed, command.episodes)
-    own = evaluate(saved.policy, saved.model, *starts)
+    evaluation = evaluate(saved.policy, saved.model, *starts)
     logger.info(f"return from {command.episodes} start states, 95 % intervals:")
-    _show("on its own model", own)
-    data: dict[str, Any] = {"schema": "gapfinder/transfer/1", "episodes": command.episodes, "own": _plain(own)}
+    _show("on its own model", evaluation)
+    data: dict[str, Any] = {"schema": "gapfinder/transfer/1", "episodes": command.episodes, "own": _plain(evaluation)}
     on = saved.model
     if command.model is not None:
         on = _other(command.model, saved)
         other = evaluate(saved.policy, on, *starts)
-        gap = Evaluation(own.returns - other.returns)
+        gap = Evaluation(evaluation.returns - other.returns)
         _show(f"on {command.model.name}", other)
         _show("transfer gap", gap, "what it loses there, paired over start states")
         data |= {"other": _plain(other), "gap": _plain(gap)}
     if command.references:
         logger.info(f"others on {'its own model' if command.model is None else command.model.name}:")
-        found = references(on, *starts)
-        _show_references(found)
+        reference_returns = references(on, *starts)
+        _show_references(reference_returns)
         data["references"] = [
-            {"name": r.name, "note": r.note, **({} if r.evaluation is None else _plain(r.evaluation))} for r in found
+            {"name": r.name, "note": r.note, **({} if r.evaluation is None else _plain(r.evaluation))}
+            for r in reference_returns
         ]
     write_json(command.json, lambda: data)
 
@@ -207,16 +208,16 @@ def plausible_range(p: Parameter) -> tuple[float, float]:
 
 
 def _ranges(given: Sequence[str], known: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
-    found = {}
+    ranges = {}
     for text in given:
         name, _, ends = (part.strip() for part in text.partition("="))
         low, _, high = ends.partition(":")
         if name not in known:
             raise InvalidInput(f"--range {text}: unknown parameter {name!r}; this model has {', '.join(known)}")
-        found[name] = _number("--range", low, "m=0.5:2"), _number("--range", high, "m=0.5:2")
-        for end in found[name]:
+        ranges[name] = _number("--range", low, "m=0.5:2"), _number("--range", high, "m=0.5:2")
+        for end in ranges[name]:
             known[name].check(end)
-    return found
+    return ranges
 
 
 def _number(option: str, text: str, example: str) -> float:
@@ -309,8 +310,8 @@ def _show(name: str, evaluation: Evaluation, note: str = "") -> None:
     logger.info(f"  {name:<30} {evaluation.mean:9.1f}  [{low:.1f}, {high:.1f}]{'  ' + note if note else ''}")
 
 
-def _show_references(found: Sequence[ReferenceReturn]) -> None:
-    for reference in found:
+def _show_references(reference_returns: Sequence[ReferenceReturn]) -> None:
+    for reference in reference_returns:
         if reference.evaluation is None:
             logger.info(f"  {reference.name:<30}   unknown: {reference.note}")
         else:

@@ -182,7 +182,7 @@ class Optimal:
             raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for {self.horizon} steps")
         memory = self.model.rest()
         if len(self.axes) > 2:
-            memory = tuple(tuple(np.asarray(v)[..., None] for v in own) for own in state.memory)
+            memory = tuple(tuple(np.asarray(v)[..., None] for v in values) for values in state.memory)
         now = State(np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None], memory)
         torques = self.grid.torques(self.model.u_max)
         later = [model.advance(now, torques, t) for model in self.draws or (self.model,)]
@@ -260,11 +260,11 @@ def _stages(models: Sequence[Model], axes: Sequence[Axis], grid: Grid, t: float)
     model, counts = models[0], [axis.count for axis in axes]
     theta, theta_dot, *rest = np.ix_(*(axis.nodes for axis in axes))
     numbers = iter(rest)
-    memory = tuple(tuple(next(numbers) for _ in own) for own in model.rest())
+    memory = tuple(tuple(next(numbers) for _ in values) for values in model.rest())
     now = State(theta, theta_dot, memory)
     for u in grid.torques(model.u_max).tolist():
         paid = np.broadcast_to(-task.reward(now, u, model.dt), counts)
-        first, *others = (_interpolation(axes, own.advance(now, u, t)) for own in models)
+        first, *others = (_interpolation(axes, machine.advance(now, u, t)) for machine in models)
         mean = sum(others, start=first) / np.float32(len(models)) if others else first
         yield paid.astype(np.float32).ravel(), mean
 
@@ -282,4 +282,4 @@ def _interpolation(axes: Sequence[Axis], after: State) -> csr_array:
 
 def _flat(state: State) -> tuple[Value, ...]:
     """Every number that the input path remembers."""
-    return tuple(value for own in state.memory for value in own)
+    return tuple(value for memory in state.memory for value in memory)

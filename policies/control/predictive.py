@@ -68,7 +68,7 @@ def design_predictive(
     Raises InvalidInput as `solve` does.
     """
     core, ahead = without_dead_time(model.machine)
-    others = [without_dead_time(own.machine)[0] for own in draws]
+    others = [without_dead_time(draw.machine)[0] for draw in draws]
     optimal = solve(core, grid, horizon, others)
     remembered = sum(_remembered(e, model.dt) for e in core.input_effects)
     return Predictive(optimal, ahead, ahead + int(min(remembered, optimal.horizon)))

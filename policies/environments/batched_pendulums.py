@@ -142,11 +142,11 @@ class BatchedPendulums(EnvBase):
             self.model = self.model.with_effect(RandomTorque(self._torque))
         state = self.model.initial_state(0.0 * ones, 0.0 * ones)
         sensing = self.model.sensing(state.theta, state.theta_dot) if self.model.output_effects else ()
-        self._memories = [len(own) for own in state.memory], [len(own) for own in sensing]
+        self._memories = [len(memory) for memory in state.memory], [len(memory) for memory in sensing]
         sensed = [0.0, 0.0] if self.model.output_effects else []
-        numbers = [*_leaves(state), *sensed, *(v for own in sensing for v in own), *[0.0] * self.history]
-        self._own = [0.0 * ones + number for number in numbers]
-        self._take_up(self._own)
+        numbers = [*_leaves(state), *sensed, *(v for memory in sensing for v in memory), *[0.0] * self.history]
+        self._tensors = [0.0 * ones + number for number in numbers]
+        self._take_up(self._tensors)
 
     def _take_up(self, numbers: list[Any]) -> None:
         """State, sensors and past commands are views of these from here on."""
@@ -169,9 +169,9 @@ class BatchedPendulums(EnvBase):
     def _write(self, numbers: Sequence[Any]) -> None:
         """Go on from these, in the tensors that hold the state between windows."""
         # apart first: a delay's line passes the very tensors on that are written to
-        for own, new in zip(self._own, [number.detach().clone() for number in numbers], strict=True):
-            own.copy_(new)
-        self._take_up(self._own)
+        for tensor, new in zip(self._tensors, [number.detach().clone() for number in numbers], strict=True):
+            tensor.copy_(new)
+        self._take_up(self._tensors)
 
     def detach_state(self) -> None:
         """Gradients end here: what follows does not depend on what was before. Backward passes through what was before
@@ -194,11 +194,11 @@ class BatchedPendulums(EnvBase):
                 begun[episode] = rng, task.start_state(rng), rng.bit_generator.state
             rng, (drawn["theta"][i], drawn["theta_dot"][i]), after_start = begun[episode]
             rng.bit_generator.state = after_start
-            own = self.randomizations[a]
-            for name, value in own.sample(rng, self.base_model).items():
+            randomization = self.randomizations[a]
+            for name, value in randomization.sample(rng, self.base_model).items():
                 drawn[name][i] = value
-            if isinstance(own, RandomForce):
-                torques[i] = own.torques(rng, self.horizon, self.base_model.dt)
+            if isinstance(randomization, RandomForce):
+                torques[i] = randomization.torques(rng, self.horizon, self.base_model.dt)
             self.episodes[i] += self.environments
         there = {name: self._laid_out(numbers) for name, numbers in drawn.items()}
         for name, values in self.parameters_now.items():
@@ -255,7 +255,7 @@ class BatchedPendulums(EnvBase):
 
     def _sensors(self, seen: Reading, sensing: tuple[Memory, ...]) -> list[Any]:
         """What they show and remember; nothing where they show the state itself."""
-        return [*seen, *(value for own in sensing for value in own)] if self.model.output_effects else []
+        return [*seen, *(value for memory in sensing for value in memory)] if self.model.output_effects else []
 
     def get_extra_state(self) -> dict[str, Any]:
         """Everything that the next step depends on: what `state_dict` holds.
@@ -292,7 +292,7 @@ class BatchedPendulums(EnvBase):
 
 def _leaves(state: State) -> list[Any]:
     """Angle, speed and every number that an effect remembers."""
-    return [state.theta, state.theta_dot, *(value for own in state.memory for value in own)]
+    return [state.theta, state.theta_dot, *(value for memory in state.memory for value in memory)]
 
 
 def _split(numbers: Iterator[Any], sizes: Sequence[int]) -> tuple[Memory, ...]:

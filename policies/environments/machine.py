@@ -171,8 +171,8 @@ def _check_carried(model: Model, parameters: Mapping[str, Array], state: State, 
     alone = dataclasses.replace(model, effects=())
     for e in model.effects:
         single = dataclasses.replace(alone, effects=(e,))
-        own = {name: values for name, values in parameters.items() if name in single.parameters}
-        problem = _differs(single.with_parameters(own), state.theta, state.theta_dot, u[:5])
+        effect_parameters = {name: values for name, values in parameters.items() if name in single.parameters}
+        problem = _differs(single.with_parameters(effect_parameters), state.theta, state.theta_dot, u[:5])
         if problem:
             raise InvalidInput(f"effect {e.name!r} cannot be carried by the training environment: {problem}")
 

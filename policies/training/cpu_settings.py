@@ -64,8 +64,8 @@ def matmul_error() -> float:
         g = torch.randn(agents, batch, n_out, generator=numbers)
         for left, right in ((x, w), (x.mT, g), (g, w.mT), (g.mT, x)):
             exact = left.double() @ right.double()
-            found = torch.bmm(left, right, out=torch.full_like(exact, torch.nan, dtype=torch.float32))
-            error = float((found - exact).abs().max() / exact.abs().max())
+            product = torch.bmm(left, right, out=torch.full_like(exact, torch.nan, dtype=torch.float32))
+            error = float((product - exact).abs().max() / exact.abs().max())
             worst = max(worst, math.inf if math.isnan(error) else error)
     return worst
 

@@ -38,14 +38,14 @@ def backward(
     passed: Sequence[Tensor], leaves: Sequence[Tensor], slope: Tensor, learned: bool = True
 ) -> tuple[list[Tensor], Tensor]:
     """dL/d leaves, if `learned`, and dL/d(x W_0), from what `forward` went through and slope = dL/dy."""
-    found: list[Tensor] = []
+    gradients: list[Tensor] = []
     for i in reversed(range(1, len(passed) - 1)):
         h, w = passed[i], leaves[2 * i - 1]
         if learned:
-            found = [_of_weight(h, slope), slope.sum(1, keepdim=True), *found]
+            gradients = [_of_weight(h, slope), slope.sum(1, keepdim=True), *gradients]
         slope = slope * w.mT if slope.shape[-1] == 1 else torch.bmm(slope, w.mT)
         slope = torch.ops.aten.threshold_backward.grad_input(slope, h, 0.0, grad_input=slope)
-    return ([_of_weight(passed[0], slope), *found] if learned else []), slope
+    return ([_of_weight(passed[0], slope), *gradients] if learned else []), slope
 
 
 def _of_weight(x: Tensor, slope: Tensor) -> Tensor:
@@ -84,8 +84,8 @@ def with_ones(*inputs: Tensor) -> Tensor:
 
 def leaves_of(params: TensorDictBase) -> list[Tensor]:
     """w0, w1, b1, w2, b2, ... among the parameters of a StackedMLP."""
-    found = {key if isinstance(key, str) else key[-1]: leaf for key, leaf in params.items(True, True)}
-    return [found[name] for name in leaf_names(len(found) // 2 + 1)]
+    leaves = {key if isinstance(key, str) else key[-1]: leaf for key, leaf in params.items(True, True)}
+    return [leaves[name] for name in leaf_names(len(leaves) // 2 + 1)]
 
 
 def leaf_names(depth: int) -> list[str]:

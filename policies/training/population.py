@@ -210,10 +210,10 @@ class Population(ABC):
             with whole(Path(path)) as file:
                 torch.save({**self._identity(), **self._progress()}, file)
         except (OSError, RuntimeError) as error:
-            found: BaseException | None = error
-            while found is not None and not isinstance(found, OSError):
-                found = found.__context__
-            raise OSError(f"the checkpoint {path} cannot be written ({found.strerror if found else error})") from error
+            cause: BaseException | None = error
+            while cause is not None and not isinstance(cause, OSError):
+                cause = cause.__context__
+            raise OSError(f"the checkpoint {path} cannot be written ({cause.strerror if cause else error})") from error
 
     def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.

@@ -79,9 +79,9 @@ def settings_for(
     if algorithm != "shac":
         raise InvalidInput(f"algorithm {algorithm!r}: expected one of {', '.join(POPULATIONS)}")
     seconds, most = WINDOW
-    own = SHACSettings(hidden=tuple(hidden), horizon=max(1, min(most, round(seconds / model.dt))))
-    steps = WINDOWS * own.window if steps is None else steps
-    return replace(own, steps=steps, gamma=own.gamma**intervals, decay=own.decay**intervals)
+    settings = SHACSettings(hidden=tuple(hidden), horizon=max(1, min(most, round(seconds / model.dt))))
+    steps = WINDOWS * settings.window if steps is None else steps
+    return replace(settings, steps=steps, gamma=settings.gamma**intervals, decay=settings.decay**intervals)
 
 
 def train(
@@ -127,7 +127,7 @@ def _finish(population: Population, listener: Listener, checkpoint: Path | None)
     begin = saved = learning = time.monotonic()
     without = first = max(population.steps_done, settings.random_steps)
     marks = [mark for tenth in range(1, 11) if (mark := math.ceil(tenth * steps / 10)) > population.steps_done]
-    told = False
+    announced = False
     while population.steps_done < steps:
         ahead = min(mark for mark in (first, first + trial, marks[0]) if mark > population.steps_done)
         population.train(min(CHUNK, ahead - population.steps_done))
@@ -142,8 +142,8 @@ def _finish(population: Population, listener: Listener, checkpoint: Path | None)
             marks = [mark for mark in marks if mark > done]
             listener(done, _latest(population, heard), now - begin, left)
             heard = len(population.curves[0])
-        elif not told and done >= first + trial:
-            told = True
+        elif not announced and done >= first + trial:
+            announced = True
             listener(done, (), now - begin, left)
 
 

@@ -57,8 +57,8 @@ class TransitionStorage(Storage):
         rows = self.rows.view(-1, self.rows.shape[-1]).index_select(0, index.flatten())
         columns = rows.view(*index.shape, -1).split(self.widths, -1)
         entries = zip(self.entries, columns, strict=True)
-        found = {key: column != 0.0 if dtype == torch.bool else column for (key, dtype), column in entries}
-        return TensorDict(found, index.shape)
+        transitions = {key: column != 0.0 if dtype == torch.bool else column for (key, dtype), column in entries}
+        return TensorDict(transitions, index.shape)
 
     def __len__(self) -> int:
         return min(int(self.count), self.max_size)

@@ -114,7 +114,7 @@ class Bench:
             policies = (*self.ignorant, near_optimal(model, self.grid))
             ignorant, sharp, aware = batch_returns(policies, model, *self.starts)
         loss = aware - ignorant
-        means = [float(np.mean(own)) for own in (self.plain, ignorant, aware, loss)]
+        means = [float(np.mean(values)) for values in (self.plain, ignorant, aware, loss)]
         share, edge = 100.0 * means[3] / abs(means[2]), float(np.mean(aware - sharp))
         return LossRow(magnitude.effect, size, magnitude.unit, *means, sem(loss), share, edge)
 

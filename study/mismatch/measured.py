@@ -58,10 +58,10 @@ def known_setup(strategy: str, plant: HiddenPlant) -> TrainingSetup:
 def plausible_ranges(model: Model, name: str) -> dict[str, tuple[float, float]]:
     """The range of each of an effect's numbers: from nothing to the largest plausible, and as far to the other side
     where the model allows it and that is something else."""
-    found, parameters = {}, model.parameters
+    ranges, parameters = {}, model.parameters
     nothing, most = MAGNITUDES[name].numbers(0.0), MAGNITUDES[name].numbers(MAGNITUDES[name].largest)
     for key, end in most.items():
         p, other = parameters[f"{name}.{key}"], 2.0 * nothing[key] - end
         signed = p.bounds[0] <= other <= p.bounds[1] and nothing[key] == p.neutral
-        found[f"{name}.{key}"] = (min(end, other), max(end, other)) if signed else tuple(sorted((nothing[key], end)))
-    return found
+        ranges[f"{name}.{key}"] = (min(end, other), max(end, other)) if signed else tuple(sorted((nothing[key], end)))
+    return ranges

@@ -71,11 +71,11 @@ class MismatchFindings(TrialFindings):
 
 def mismatch_findings(plan: MismatchPlan, results: TrialResults) -> MismatchFindings:
     """The answer from the results of a finished experiment."""
-    found, answers, designed = trial_findings(plan, results), results.answers, results.designed
-    payloads = {own.case: own.payload["setups"][answers[own.case]["deployed"]] for own in results.rounds}
+    findings, answers, designed = trial_findings(plan, results), results.answers, results.designed
+    payloads = {step.case: step.payload["setups"][answers[step.case]["deployed"]] for step in results.rounds}
     setups = {case: training_setup_of(payload) for case, payload in payloads.items()}
     splits = {
-        condition: _split(plan.plant(condition.plant), cases, found.outcomes[condition].returns, setups, designed)
+        condition: _split(plan.plant(condition.plant), cases, findings.outcomes[condition].returns, setups, designed)
         for condition, cases in cases_of(plan).items()
     }
     verdicts: dict[tuple[str, int], Counter[Verdict]] = {}
@@ -83,7 +83,7 @@ def mismatch_findings(plan: MismatchPlan, results: TrialResults) -> MismatchFind
         if case.strategy == "mended":
             verdict = Verdict(said["verdict"], tuple(said["steps"]), said["believed"])
             verdicts.setdefault((case.plant, case.n), Counter())[verdict] += 1
-    return MismatchFindings(**vars(found), splits=splits, verdicts=verdicts)
+    return MismatchFindings(**vars(findings), splits=splits, verdicts=verdicts)
 
 
 def _split(

@@ -31,7 +31,7 @@ class Change:
     text: str
     catalogue: tuple[bool | None, ...] = (True, False, None)
 
-    def told(self, findings: MismatchFindings) -> str:
+    def answer(self, findings: MismatchFindings) -> str:
         """The text; empty where the plan has no such contrasts."""
         plants = {plant.name for plant in findings.plan.plants if plant.in_catalogue in self.catalogue}
         rows = [row for row in findings.compared if (row.a, row.b) == (self.a, self.b) and row.plant in plants]
@@ -72,14 +72,14 @@ ORACLE = (
 def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
     """(question, answer), as far as the plan asked for it."""
     other_uses, oracle = (
-        "; ".join(filter(None, (own.told(findings) for own in group))) for group in (OTHER_USES, ORACLE)
+        "; ".join(filter(None, (change.answer(findings) for change in group))) for group in (OTHER_USES, ORACLE)
     )
     asked = {
-        "Does breadth pay when the simulator lacks an effect?": BREADTH.told(findings),
-        "What is it worth to name the effect?": NAMING.told(findings),
-        "What does an honest “unknown” buy?": UNKNOWN.told(findings),
+        "Does breadth pay when the simulator lacks an effect?": BREADTH.answer(findings),
+        "What is it worth to name the effect?": NAMING.answer(findings),
+        "What does an honest “unknown” buy?": UNKNOWN.answer(findings),
         "What else could the rollouts be spent on?": other_uses and f"The diagnosis {other_uses}.",
-        "And without any rollout?": WITHOUT_ROLLOUTS.told(findings),
+        "And without any rollout?": WITHOUT_ROLLOUTS.answer(findings),
         "What is left?": oracle and f"Trained on the hidden plant itself, against the diagnosis: {oracle}.",
     }
     return [(question, text) for question, text in asked.items() if text]
@@ -100,14 +100,14 @@ def account(plan: MismatchPlan, results: TrialResults) -> Account:
     return mismatch_account(mismatch_findings(plan, results))
 
 
-def mismatch_account(found: MismatchFindings) -> Account:
+def mismatch_account(findings: MismatchFindings) -> Account:
     """What is told of the findings."""
     nothing = {"structure": math.nan, "identification": math.nan, "training": math.nan, "tables": 0}
     return trial_account(
-        found,
-        mismatch_sentences(found),
-        (partial(returns_in_rows, found, STRATEGIES.__getitem__, MISMATCH_COLOURS), CAPTION),
+        findings,
+        mismatch_sentences(findings),
+        (partial(returns_in_rows, findings, STRATEGIES.__getitem__, MISMATCH_COLOURS), CAPTION),
         "mismatch.html.j2",
         {"strategies": STRATEGIES},
-        {condition: vars(split) if split else nothing for condition, split in found.splits.items()},
+        {condition: vars(split) if split else nothing for condition, split in findings.splits.items()},
     )

@@ -85,8 +85,8 @@ def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
 
 def naming_errors(rows: Iterable[NamingResult]) -> tuple[float, float]:
     """Root mean squares of the errors of m and l, fitted and mended; nan where there is no fit."""
-    own = [(row.error_fitted, row.error_mended) for row in rows if row.verdict != REFUSED]
-    fitted, mended = np.sqrt(np.mean(np.square(own), axis=0)) if own else (math.nan, math.nan)
+    errors = [(row.error_fitted, row.error_mended) for row in rows if row.verdict != REFUSED]
+    fitted, mended = np.sqrt(np.mean(np.square(errors), axis=0)) if errors else (math.nan, math.nan)
     return float(fitted), float(mended)
 
 
@@ -99,7 +99,7 @@ def naming_table(rows: Sequence[NamingResult]) -> Table:
     cells: dict[tuple[str, int], list[NamingResult]] = {}
     for row in rows:
         cells.setdefault((row.plant, row.n), []).append(row)
-    budgets, seeds = sorted({row.n for row in rows}), sorted({len(own) for own in cells.values()})
+    budgets, seeds = sorted({row.n for row in rows}), sorted({len(cell) for cell in cells.values()})
     counted = " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1])))
     title = f"right [%] of {counted} seeds (errors of m and l without and with what was named [%])"
     table = Table(title=title, title_justify="left")
@@ -146,17 +146,17 @@ FIRST, MOST = 2000, 100
 def measure(plant: HiddenPlant, n: int, seed: int, budget: Budget) -> NamingResult:
     """What the diagnosis of these rollouts says, and how far m and l are off with and without it."""
     try:
-        found, fitted, mended = budget.diagnosis, budget.fitted, budget.mended
+        diagnosis, fitted, mended = budget.diagnosis, budget.fitted, budget.mended
     except InvalidInput:
         return NamingResult(plant.name, n, seed, REFUSED, (), False, math.nan, math.nan)
-    steps = steps_of(found)
-    right = is_right(plant, found.verdict, steps)
-    return NamingResult(plant.name, n, seed, found.verdict, steps, right, _error(fitted), _error(mended))
+    steps = steps_of(diagnosis)
+    right = is_right(plant, diagnosis.verdict, steps)
+    return NamingResult(plant.name, n, seed, diagnosis.verdict, steps, right, _error(fitted), _error(mended))
 
 
-def steps_of(found: Diagnosis) -> tuple[str, ...]:
+def steps_of(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The steps in a word each, those that belong to the log included."""
-    return tuple("/".join(step.indistinguishable) for step in (*found.steps, *found.conventions))
+    return tuple("/".join(step.indistinguishable) for step in (*diagnosis.steps, *diagnosis.conventions))
 
 
 def _error(estimate: Estimate) -> float:
@@ -168,12 +168,12 @@ def naming_rows(
     plan: MismatchPlan, plant: str, seed: int, budgets: Sequence[int], progress: Callable[[float], None]
 ) -> list[NamingResult]:
     """The rows of a plant and a seed, one a budget; smaller budgets are the first rollouts of larger ones."""
-    hidden, found = plan.plant(plant), list[NamingResult]()
+    hidden, rows = plan.plant(plant), list[NamingResult]()
     records = measured_rollouts(hidden, seed, max(plan.budgets))
     for n in budgets:
-        found.append(measure(hidden, n, seed, Budget(records[:n], SENSORS["encoder"], seed)))
-        progress(len(found) / len(budgets))
-    return found
+        rows.append(measure(hidden, n, seed, Budget(records[:n], SENSORS["encoder"], seed)))
+        progress(len(rows) / len(budgets))
+    return rows
 
 
 class NamingExperiment(StudyExperiment):

@@ -123,17 +123,17 @@ class Agreement:
         seeds, obstacle = self._pairs(spot)
         if self.theirs is None or obstacle:
             sides = (ours.mean, ours.sem, ours.seeds), (theirs.mean, theirs.sem, theirs.seeds)
-            found, narrow, basis = welch(*sides), welch(*sides, level=0.9), f"unpaired (Welch): {obstacle}"
+            difference, narrow, basis = welch(*sides), welch(*sides, level=0.9), f"unpaired (Welch): {obstacle}"
         else:
             a, b = self.ours.returns(spot, seeds), self.theirs.returns(spot, seeds)
             theirs, outlier = self.theirs.summary(spot), _outlier(a - b, seeds)
-            found, narrow, basis = paired_t(a, b), paired_t(a, b, level=0.9), f"paired over {len(seeds)} seeds"
-        verdict = DIFFERS if found.significant else OPEN
+            difference, narrow, basis = paired_t(a, b), paired_t(a, b, level=0.9), f"paired over {len(seeds)} seeds"
+        verdict = DIFFERS if difference.significant else OPEN
         if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
             verdict = SAME
         text, fresh = CELLS[spot].printed, self.ours.summary(spot, fresh=True)
         printed = theirs if text is None else theirs._replace(mean=text)
-        return CellAgreement(spot, ours, printed, fresh, found, verdict, basis, outlier)
+        return CellAgreement(spot, ours, printed, fresh, difference, verdict, basis, outlier)
 
     def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
         """The seeds to pair over, or why there is no pairing."""

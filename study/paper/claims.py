@@ -48,43 +48,43 @@ class Claim:
         return QUOTES[self.name][1]
 
 
-def rate(found: Scatter) -> Claim:
+def rate(scatter: Scatter) -> Claim:
     """Does the identification error fall as 1/sqrt(n)?"""
-    rng, last = np.random.default_rng(0), found.budgets[-1]
-    small, large = found.exponent(1.0, 5, 50, rng), found.exponent(1.0, 100, last, rng)
-    five, fifty = (percent(found.at_bound(1.0, n)) for n in (5, 50))
+    rng, last = np.random.default_rng(0), scatter.budgets[-1]
+    small, large = scatter.exponent(1.0, 5, 50, rng), scatter.exponent(1.0, 100, last, rng)
+    five, fifty = (percent(scatter.at_bound(1.0, n)) for n in (5, 50))
     close, open_ = max(abs(p + 0.5) for p in small) < 0.1, small[1] <= -0.5 <= small[2]
     return Claim(
         "rate",
         HOLDS if close else OPEN if open_ else FAILS,
-        f"Between 5 and 50 rollouts the mean error over {found.seeds} seeds falls as n to the power "
+        f"Between 5 and 50 rollouts the mean error over {scatter.seeds} seeds falls as n to the power "
         f"{bracketed(*small, 2, signed)}; 1/√n would be {MINUS}0.5. m ends at the edge of the grid in {five} of "
         f"measurements with 5 rollouts and in {fifty} with 50, and there the box bounds the error, not the data. "
         f"Between 100 and {last} rollouts the power is {bracketed(*large, 2, signed)}.",
     )
 
 
-def bias(found: Scatter) -> Claim:
+def bias(scatter: Scatter) -> Claim:
     """Does noise in the predictor's inputs bias the fit, or only scatter it?"""
-    last, truth = found.budgets[-1], np.array(found.truth)
-    noisy, clean = found.thetas(1.0, 50) - truth, found.thetas(1.0, 50, clean=True) - truth
+    last, truth = scatter.budgets[-1], np.array(scatter.truth)
+    noisy, clean = scatter.thetas(1.0, 50) - truth, scatter.thetas(1.0, 50, clean=True) - truth
     m, l = map(paired_t, noisy.T)  # noqa: E741
     sd = np.std(noisy, axis=0, ddof=1)
     share = (m.mean**2 + l.mean**2) / float(np.mean(np.sum(noisy**2, axis=1)))
-    free = noisy[~found.edge(1.0, 50), 0]
+    free = noisy[~scatter.edge(1.0, 50), 0]
     inputs = paired_t(noisy[:, 0], clean[:, 0])
     text = (
         f"At n = 50 m is off by {_fine(m)} kg on average and l by {_fine(l)} m, while single measurements scatter by "
         f"{sd[0]:.2f} kg and {sd[1]:.2f} m: bias is {percent(share)} of the squared error. That the "
-        f"mean of m is so near is partly the grid's edge, where {percent(found.at_bound(1.0, 50))} of measurements "
+        f"mean of m is so near is partly the grid's edge, where {percent(scatter.at_bound(1.0, 50))} of measurements "
         f"end: the median is off by {signed(np.median(noisy[:, 0]), 2)} kg, and the mean of the others by "
         f"{signed(free.mean(), 2)} kg. With the same noise "
         f"taken out of the inputs m is off by {signed(clean[:, 0].mean(), 3)} kg all the same (difference "
         f"{_fine(inputs)}): the measured speed enters the prediction with a fixed factor of one, so noise there acts "
         "as noise of the output does, and what is left comes from m standing in a denominator."
     )
-    if 2.0 in found.sigmas:
-        ends = (signed(np.mean(found.thetas(2.0, last, clean=c)[:, 1]) - truth[1], 2) for c in (False, True))
+    if 2.0 in scatter.sigmas:
+        ends = (signed(np.mean(scatter.thetas(2.0, last, clean=c)[:, 1]) - truth[1], 2) for c in (False, True))
         text += (
             " Only through the speed limit does it bias: at sigma = 2 and n = {}, l is off by {} m, by {} m with "
             "clean inputs.".format(last, *ends)
@@ -93,15 +93,15 @@ def bias(found: Scatter) -> Claim:
     return Claim("bias", FAILS if small else IN_PART if inputs.significant else OPEN, text)
 
 
-def error_floor(found: Scatter) -> Claim:
+def error_floor(scatter: Scatter) -> Claim:
     """Is there a floor at 5 rollouts for sigma = 0.5, and at 50 for sigma = 2?"""
-    last = found.budgets[-1]
+    last = scatter.budgets[-1]
     quiet, loud = (
-        {n: float(np.mean(row)) for n, row in zip(found.budgets, found.errors(sigma), strict=True)}
+        {n: float(np.mean(row)) for n, row in zip(scatter.budgets, scatter.errors(sigma), strict=True)}
         for sigma in (0.5, 2.0)
     )
     falls = (
-        paired_t(found.errors(sigma)[found.budgets.index(a)], found.errors(sigma)[found.budgets.index(b)])
+        paired_t(scatter.errors(sigma)[scatter.budgets.index(a)], scatter.errors(sigma)[scatter.budgets.index(b)])
         for sigma, a, b in ((0.5, 5, 50), (2.0, 50, last))
     )
     returns = [number(CELLS[Spot("low_noise", n, 0.0)].mean) for n in (5, 50)]
@@ -110,7 +110,7 @@ def error_floor(found: Scatter) -> Claim:
         FAILS if all(fall.low > 0.0 for fall in falls) else OPEN,
         f"The error goes on falling: at sigma = 0.5 it is {quiet[5]:.2f} on average with 5 rollouts, {quiet[50]:.2f} "
         f"with 50 and {quiet[last]:.2f} with {last}; at sigma = 2 it is {loud[50]:.2f} with 50 and {loud[last]:.2f} "
-        f"with {last}. A floor of about {nearest_cell(found.truth):.2f} to {CELL:.2f}, the grid's cells about the "
+        f"with {last}. A floor of about {nearest_cell(scatter.truth):.2f} to {CELL:.2f}, the grid's cells about the "
         "truth, lies below all of these. What is flat from 5 rollouts on at sigma = 0.5 is the return "
         f"({returns[0]}, and {returns[1]} with 50): it asks for no better model.",
     )
@@ -212,13 +212,13 @@ def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:
     pairs = [c for c in DIFFERENCES if c.a in spots and c.b in spots]
     if not pairs:
         return ""
-    found = []
+    changes = []
     for c in pairs:
         shared, fresh = (paired_t(*ours.pair(c.a, c.b, fresh=f)) for f in (False, True))
         if (shared.significant, shared.mean > 0.0) != (fresh.significant, fresh.mean > 0.0):
-            found.append(f"{c.label} ({shared} becomes {fresh})")
-    listed = f"; these do: {', '.join(found)}." if found else "."
-    same = len(pairs) - len(found)
+            changes.append(f"{c.label} ({shared} becomes {fresh})")
+    listed = f"; these do: {', '.join(changes)}." if changes else "."
+    same = len(pairs) - len(changes)
     return f" Of {len(pairs)} published contrasts {same} change neither in sign nor in significance{listed}"
 
 

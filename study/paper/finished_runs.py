@@ -149,10 +149,10 @@ def outcomes(runs: Iterable[Run]) -> Outcomes:
     """The runs by cell and seed; raises InvalidInput where one comes twice."""
     table: dict[Spot, dict[int, Run]] = {}
     for run in runs:
-        own = table.setdefault(Spot(*run.cell[:3]), {})
-        if run.cell.seed in own:
+        by_seed = table.setdefault(Spot(*run.cell[:3]), {})
+        if run.cell.seed in by_seed:
             raise InvalidInput(f"{run.cell} comes twice: expected it once")
-        own[run.cell.seed] = run
+        by_seed[run.cell.seed] = run
     return Outcomes(table)
 
 
@@ -181,12 +181,12 @@ def read_published(folder: Path) -> Outcomes:
     if not folder.is_dir():
         raise InvalidInput(f"--published {folder} is no folder: expected the results folder of {URL}")
     files = {name: folder / point.file for name, point in POINTS.items()}
-    found = {name: read_runs(path, name) for name, path in files.items() if path.exists()}
-    if not found:
+    parts = {name: read_runs(path, name) for name, path in files.items() if path.exists()}
+    if not parts:
         names = ", ".join(path.name for path in files.values())
         raise InvalidInput(f"--published {folder} holds none of {names}: expected the results folder of {URL}")
-    table = {spot: runs for part in found.values() for spot, runs in part.table.items()}
-    return Outcomes(table, tuple(path.name for name, path in files.items() if name not in found))
+    table = {spot: runs for part in parts.values() for spot, runs in part.table.items()}
+    return Outcomes(table, tuple(path.name for name, path in files.items() if name not in parts))
 
 
 TOLERANCE = 1e-6
@@ -195,10 +195,10 @@ TOLERANCE = 1e-6
 
 def read_import(file: Path, preset: Preset) -> list[Run]:
     """The runs in the file, each marked as imported from it. Raises InvalidInput for a file that cannot be read."""
-    found = read_runs(file, "" if len(preset.points) > 1 else preset.points[0].name)
-    if "" in found.points:
+    contents = read_runs(file, "" if len(preset.points) > 1 else preset.points[0].name)
+    if "" in contents.points:
         raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
-    return [replace(run, imported=file.name) for runs in found.table.values() for run in runs.values()]
+    return [replace(run, imported=file.name) for runs in contents.table.values() for run in runs.values()]
 
 
 def taken_up(runs: Iterable[Run], preset: Preset, estimates: Estimates) -> list[Run]:
@@ -206,13 +206,13 @@ def taken_up(runs: Iterable[Run], preset: Preset, estimates: Estimates) -> list[
 
     Raises InvalidInput for the first run that does not belong to the preset.
     """
-    found = []
+    taken = []
     for run in runs:
         if problem := _foreign(run, preset, estimates):
             raise InvalidInput(f"{run.imported}: {run.cell} does not belong to {preset.name!r}: {problem}")
         theta, truth = estimates[run.cell.point, run.cell.n, run.cell.seed], preset.point(run.cell.point).truth
-        found.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth)))
-    return found
+        taken.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth)))
+    return taken
 
 
 def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:

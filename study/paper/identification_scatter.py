@@ -60,7 +60,7 @@ class OneStepGrid:
         ss, su, uu, ds, du = sums[:, np.asarray(ends) - 1, None]
         a, b = self.a, self.b
         cost = a * a * ss + 2.0 * a * b * su + b * b * uu - 2.0 * a * ds - 2.0 * b * du
-        found = []
+        estimates = []
         for k, end in enumerate(ends):
             count = max(FEWEST_CANDIDATES, min(MOST_CANDIDATES, WORK // end))
             best = np.sort(np.argpartition(cost[k], count)[:count])
@@ -69,8 +69,8 @@ class OneStepGrid:
             moved = x[near] + a[best, None] * s[near] + b[best, None] * u[near]
             saved = (np.clip(moved, -limit, limit) - y[near]) ** 2 - (moved - y[near]) ** 2
             winner = best[np.argmin(cost[k, best] + saved.sum(axis=1))]
-            found.append((self.m[winner], self.l[winner]))
-        return np.array(found)
+            estimates.append((self.m[winner], self.l[winner]))
+        return np.array(estimates)
 
 
 def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> tuple[Transitions, Array]:
@@ -141,10 +141,10 @@ def scatter(
 ) -> Scatter:
     """Search on `seeds` measurements of the paper's plant; budgets and noise levels of a seed share its rollouts."""
     grid, truth, ends = OneStepGrid(), PAPER.points[0].truth, [n * ROLLOUT_LENGTH for n in budgets]
-    found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
+    estimates = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):
         moved, noise = noise_free_rollouts(truth, max(budgets), child)
         for k, sigma in enumerate(sigmas):
             for c in (False, True):
-                found[int(c), k, :, seed] = grid.search(moved.read(sigma * noise, clean_inputs=c), ends)
-    return Scatter(truth, tuple(sigmas), tuple(budgets), *found)
+                estimates[int(c), k, :, seed] = grid.search(moved.read(sigma * noise, clean_inputs=c), ends)
+    return Scatter(truth, tuple(sigmas), tuple(budgets), *estimates)

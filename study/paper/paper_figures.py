@@ -207,7 +207,7 @@ def _keep_apart(axes: Axes) -> None:
     for note in axes.findobj(Annotation):
         box = note.get_window_extent().padded(0.002 * axes.figure.bbox.width)
         steps = (0.25 * box.height * k for k in sorted(range(-40, 41), key=abs))
-        moved = next((s for s in steps if not any(box.translated(0.0, s).overlaps(own) for own in placed)), 0.0)
+        moved = next((s for s in steps if not any(box.translated(0.0, s).overlaps(other) for other in placed)), 0.0)
         note.xyann = note.xyann[0], note.xyann[1] + 72.0 * moved / axes.figure.dpi
         placed.append(box.translated(0.0, moved))
 
@@ -246,15 +246,15 @@ def curves(findings: PointFindings) -> Figure:
 
 def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
-    cells, found = findings.summaries, dict[str, Callable[[], Figure]]()
+    cells, figures = findings.summaries, dict[str, Callable[[], Figure]]()
     name = "Mean return on the hidden plant"
     if len(cells) > 1:
-        found["heatmap"] = lambda: heatmaps({name: cells}, findings.figure_references, {name: findings.optimum})
+        figures["heatmap"] = lambda: heatmaps({name: cells}, findings.figure_references, {name: findings.optimum})
     if len(findings.point.budgets) > 1:
-        found["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.figure_references)
+        figures["pareto"] = lambda: paretos({"What the next rollout is worth": cells}, findings.figure_references)
     if any(run.curve for run in findings.runs):
-        found["curves"] = lambda: curves(findings)
-    return found
+        figures["curves"] = lambda: curves(findings)
+    return figures
 
 
 def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
@@ -296,28 +296,28 @@ IDENTIFIER_LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOUR_MAP(0.3), "o"
 """Colour and marker of an identifier."""
 
 
-def identification(found: Scatter) -> Figure:
+def identification(scatter: Scatter) -> Figure:
     """Left: the mean error of theta_hat over n, with the published points. Right: m of single measurements."""
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    budgets = np.array(found.budgets, dtype=float)
+    budgets = np.array(scatter.budgets, dtype=float)
     left.axvspan(5.0, 50.0, color="0.95", zorder=0)
     across = left.get_xaxis_transform()
     annotate_beside(left, "the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), va="baseline", ha="center",
                     color="0.45", fontsize=8.5, xycoords=across)  # fmt: skip
-    for k, (sigma, colour) in enumerate(zip(found.sigmas, shades(len(found.sigmas), 0.12, 0.8), strict=True)):
-        errors = found.errors(sigma)
+    for k, (sigma, colour) in enumerate(zip(scatter.sigmas, shades(len(scatter.sigmas), 0.12, 0.8), strict=True)):
+        errors = scatter.errors(sigma)
         mean = errors.mean(axis=1)
-        left.errorbar(budgets, mean, 1.96 * errors.std(axis=1, ddof=1) / np.sqrt(found.seeds), color=colour, marker="o",
-                      markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip
+        left.errorbar(budgets, mean, 1.96 * errors.std(axis=1, ddof=1) / np.sqrt(scatter.seeds), color=colour,
+                      marker="o", markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip
         annotate_beside(left, f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), color=colour)  # noqa: RUF001
         printed = {n: e for n, e in ID_ERRORS.get(POINT_OF_NOISE.get(sigma, ""), {}).items() if n}
         left.plot(list(printed), list(printed.values()), color=colour, marker="x", markersize=7, linestyle="none",
                   markeredgewidth=1.8, label="published" if k == 0 else None, zorder=4)  # fmt: skip
-    guide = found.errors(1.0).mean(axis=1)[-1] * np.sqrt(budgets[-1] / budgets)
+    guide = scatter.errors(1.0).mean(axis=1)[-1] * np.sqrt(budgets[-1] / budgets)
     left.plot(budgets, guide, color=ACCENT, linewidth=1.0, linestyle="--", zorder=1, label="1/√n")
-    left.axhspan(nearest_cell(found.truth), CELL, color=ACCENT, alpha=0.12, linewidth=0.0, label="cells of the grid")
-    _log_axis(left, found.budgets)
+    left.axhspan(nearest_cell(scatter.truth), CELL, color=ACCENT, alpha=0.12, linewidth=0.0, label="cells of the grid")
+    _log_axis(left, scatter.budgets)
     left.set_yscale("log")
     left.set_ylim(0.015, 3.0)
     left.set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0], ["0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"])
@@ -325,19 +325,19 @@ def identification(found: Scatter) -> Figure:
     left.set_ylabel("mean identification error")
     left.set_title("The error over the budget")
     left.legend(fontsize=8.5, loc="lower left", bbox_to_anchor=(0.0, 0.2))
-    _masses(right, found)
+    _masses(right, scatter)
     return figure
 
 
-def _masses(axes: Axes, found: Scatter) -> None:
+def _masses(axes: Axes, scatter: Scatter) -> None:
     edges = np.arange(0.3 - 1.5 * CELL, 3.0 + 3.0 * CELL, 3.0 * CELL)
     looks = ((False, COLOUR_MAP(0.35), 0.85, "noise in inputs too"), (True, "0.2", 1.0, "as much, in outputs alone"))
     for clean, colour, alpha, label in looks:
-        m = found.thetas(1.0, 50, clean=clean)[:, 0]
+        m = scatter.thetas(1.0, 50, clean=clean)[:, 0]
         axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)
-    axes.axvline(found.truth[0], color=ACCENT, linewidth=1.4)
+    axes.axvline(scatter.truth[0], color=ACCENT, linewidth=1.4)
     across = axes.get_xaxis_transform()
-    annotate_beside(axes, "the truth", (found.truth[0], 1.0), (4, -2), xycoords=across, va="top", color=ACCENT)
+    annotate_beside(axes, "the truth", (scatter.truth[0], 1.0), (4, -2), xycoords=across, va="top", color=ACCENT)
     axes.set_xlabel("m found from 50 rollouts, σ = 1  [kg]")  # noqa: RUF001
     axes.set_ylabel("measurements")
     axes.set_title("How m scatters")

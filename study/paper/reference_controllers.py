@@ -70,10 +70,10 @@ def referred(
     policy = reference_controller(controller, theta, preset.grid)
     seeds = sorted({*preset.seeds, *preset.reference_seeds})
     starts = [tuple(_starts(drawn, seeds, preset)) for drawn in (start_states, fresh_start_states)]
-    rows = {truth: [evaluate(policy, paper_model(*truth), *own).returns for own in starts] for truth in truths}
-    seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
+    rows = {truth: [evaluate(policy, paper_model(*truth), *states).returns for states in starts] for truth in truths}
+    seconds, made_with = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
-        Reference(controller, theta, truth, seed, *means, found, seconds)
+        Reference(controller, theta, truth, seed, *means, made_with, seconds)
         for truth, returns in rows.items()
         for seed, *means in zip(seeds, *np.reshape(returns, (2, len(seeds), -1)).mean(axis=2).tolist(), strict=True)
     ]

@@ -70,7 +70,7 @@ class Reproduction:
 
 
 def reproduce(
-    found: Sequence[PointFindings],
+    answers: Sequence[PointFindings],
     folder: Path,
     theirs: Outcomes | None = None,
     scatter: Scatter | None = None,
@@ -82,11 +82,11 @@ def reproduce(
     """
     from study.paper import paper_figures  # loads matplotlib, which no worker needs
 
-    preset = found[0].preset
+    preset = answers[0].preset
     base = PAPER_PRESETS.get(preset.companion or "", preset)
-    own = outcomes(run for answer in found for run in answer.runs)
+    swept = outcomes(run for answer in answers for run in answer.runs)
     siblings, notes = _siblings(preset, base, folder)
-    ours = own
+    ours = swept
     for name, runs in siblings.items():
         ours = ours.merged(runs) if PAPER_PRESETS[name].steps == preset.steps else ours
     agreement = None
@@ -96,26 +96,26 @@ def reproduce(
             notes.insert(0, WITHOUT_THEIRS)
     if theirs and theirs.missing:
         notes.insert(0, f"Of the authors' files these were not there: {', '.join(theirs.missing)}.")
-    main = next(iter(_on_main(found)), None)
+    main = next(iter(_on_main(answers)), None)
     allowed = main.allowed() if main else {}
-    curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
+    curves, wider = (budget_curves(swept, w) if main else {} for w in (0.0, 0.2))
     drawings = _sweeps(agreement, main) if agreement else {}
     if scatter:
         drawings["published_claims"] = lambda: paper_figures.identification(scatter)
     if curves:
         drawings["identifiers"] = lambda: paper_figures.identifiers(curves, wider, allowed)
 
-    said = _claims(found, own if preset.steps == base.steps else None, scatter)
-    said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
+    said = _claims(answers, swept if preset.steps == base.steps else None, scatter)
+    said += _undertraining(answers, _longer(preset, base, {preset.name: swept, **siblings}))
     return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, drawings)
 
 
-def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
-    return [answer for answer in found if answer.point.truth == PAPER.points[0].truth]
+def _on_main(answers: Sequence[PointFindings]) -> list[PointFindings]:
+    return [answer for answer in answers if answer.point.truth == PAPER.points[0].truth]
 
 
-def _claims(found: Sequence[PointFindings], swept: Outcomes | None, scatter: Scatter | None) -> list[Claim]:
-    on_main = _on_main(found)
+def _claims(answers: Sequence[PointFindings], swept: Outcomes | None, scatter: Scatter | None) -> list[Claim]:
+    on_main = _on_main(answers)
 
     def optima(seeds: Sequence[int]) -> list[float]:
         return [float(np.mean(on_main[0].reference(OPTIMAL, seeds, fresh=fresh))) for fresh in (False, True)]
@@ -127,7 +127,7 @@ def _claims(found: Sequence[PointFindings], swept: Outcomes | None, scatter: Sca
 
 def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
     """Runs of the presets that belong together, by preset, and a sentence on each that is missing."""
-    found, said = {}, []
+    siblings, said = {}, []
     family = [
         name for name, other in PAPER_PRESETS.items() if base.name in (name, other.companion) and name != preset.name
     ]
@@ -137,10 +137,10 @@ def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Out
             said.append(f"The runs of preset {name} are not beside these: python -m study.main --preset {name}")
             continue
         try:
-            found[name] = read_runs(file)
+            siblings[name] = read_runs(file)
         except InvalidInput as error:
             said.append(f"The runs of preset {name} are left out: {error}")
-    return found, said
+    return siblings, said
 
 
 def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Callable[[], Figure]]:
@@ -153,11 +153,11 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     if ours and main:
         references = main.figure_references
         layers, seeds = " × ".join(map(str, agreement.preset.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
-        own = sorted({seed for n, w in ours for seed in agreement.ours.seeds(Spot("main", n, w))})
+        our_seeds = sorted({seed for n, w in ours for seed in agreement.ours.seeds(Spot("main", n, w))})
         here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
         published = "Published (256 × 256 networks, 10 seeds)"  # noqa: RUF001
         sides = {published: theirs, here: ours}
-        optima = {published: references[OPTIMAL], here: main.rating(OPTIMAL, own)[0]}
+        optima = {published: references[OPTIMAL], here: main.rating(OPTIMAL, our_seeds)[0]}
         drawings["published_heatmap"] = lambda: paper_figures.heatmaps(sides, references, optima)
         drawings["published_pareto"] = lambda: paper_figures.paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
@@ -175,8 +175,8 @@ def _longer(preset: Preset, base: Preset, runs: Mapping[str, Outcomes]) -> tuple
     return paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds)), PAPER_PRESETS[long].steps
 
 
-def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:
-    main = next((answer for answer in found if answer.point.name == "main"), None)
+def _undertraining(answers: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:
+    main = next((answer for answer in answers if answer.point.name == "main"), None)
     if main is None or LONGER_AT.w not in main.point.widths:
         return []
     n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})

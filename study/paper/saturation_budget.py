@@ -62,8 +62,8 @@ def budget_curves(runs: Outcomes, w: float = 0.0) -> dict[str, BudgetCurve]:
     spots = {name: [start, *(s for n in runs.budgets(name) if (s := Spot(name, n, w)) in runs)] for name in names}
     if start not in runs or not names:
         return {}
-    known = max(runs.summary(own[-1]).mean for own in spots.values())
-    return {name: _curve(runs, name, own, known) for name, own in spots.items()}
+    known = max(runs.summary(curve_spots[-1]).mean for curve_spots in spots.values())
+    return {name: _curve(runs, name, curve_spots, known) for name, curve_spots in spots.items()}
 
 
 def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> BudgetCurve:

@@ -81,8 +81,8 @@ def identify(point: Point, n: int, seed: int) -> Theta:
     if n == 0:
         return point.prior
     rollouts = paper_rollouts(paper_model(*point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
-    found = _estimate(point, rollouts).values
-    return found["m"], found["l"]
+    values = _estimate(point, rollouts).values
+    return values["m"], values["l"]
 
 
 def _estimate(point: Point, rollouts: list[PaperRollout]) -> Estimate:
@@ -135,13 +135,13 @@ class SweepPopulation(PopulationTask):
         from policies import SACPopulation
 
         points = [self.plan.point(cell.point) for cell in self.cells]
-        drawn = [_randomization(*own) for own in zip(points, self.cells, self.estimates, strict=True)]
+        drawn = [_randomization(*arguments) for arguments in zip(points, self.cells, self.estimates, strict=True)]
         seeds = [cell.seed for cell in self.cells]
         return SACPopulation(paper_model(), drawn, seeds, sac_settings(self.plan), self.device)
 
     def answers(self, population: Population, seconds: float) -> list[Run]:
         """The finished runs, in the order of the cells."""
-        found, curves = versions(), population.curves
+        made_with, curves = versions(), population.curves
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.plan.point(cell.point), self.estimates[a]
@@ -158,8 +158,8 @@ class SweepPopulation(PopulationTask):
                 "truth": list(point.truth),
             }
             curve = tuple((int(step), float(value)) for step, value in curves[a])
-            returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
-            made = returns, fresh_returns, curve, settings, found
+            returns, fresh_returns = (tuple(evaluation.returns.tolist()) for evaluation in (answer, fresh))
+            made = returns, fresh_returns, curve, settings, made_with
             reached = answer.mean, answer.std, fresh.mean
             runs.append(Run(cell, theta, math.dist(theta, point.truth), *reached, seconds, *made))
         return runs
@@ -217,10 +217,10 @@ class Sweep(StudyExperiment):
 
     def _account(self) -> Account:
         runs, references = self.results.all(RUNS), self.results.all(REFERENCES)
-        found = [PointFindings(self.preset, point, runs, references) for point in self.preset.points]
+        answers = [PointFindings(self.preset, point, runs, references) for point in self.preset.points]
         full = self.preset.episodes == PAPER.episodes  # else evaluations are not as published
         identified = scatter(np.random.default_rng(0)) if full else None
-        return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified))
+        return sweep_account(answers, reproduce(answers, self.results.folder, self.theirs, identified))
 
     def estimates(self) -> Estimates:
         """theta_hat by (point, n, seed)."""
@@ -234,9 +234,9 @@ class Sweep(StudyExperiment):
                     yield identification_task(point, seed)
 
     def _untrained(self) -> list[SweepPopulation]:
-        found, tasks = self.estimates(), []
+        estimates, tasks = self.estimates(), []
         for index, cells in enumerate(self.preset.populations(self.results.device)):
-            theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
+            theta = tuple(estimates[cell.point, cell.n, cell.seed] for cell in cells)
             tasks.append(SweepPopulation(self.preset, index, cells, theta, **self.training))
         return self.unfinished(tasks, RUNS)
 

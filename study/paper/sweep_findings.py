@@ -83,8 +83,8 @@ class PointFindings:
     def reference(self, controller: str, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> Array:
         """Mean returns (S,) of a controller designed at the truth, by default from the study's seeds."""
         seeds = self.point.seeds if seeds is None else seeds
-        own = [self._known[controller, self.point.truth, seed] for seed in sorted(seeds)]
-        return np.array([r.fresh_mean if fresh else r.return_mean for r in own])
+        references = [self._known[controller, self.point.truth, seed] for seed in sorted(seeds)]
+        return np.array([r.fresh_mean if fresh else r.return_mean for r in references])
 
     @cached_property
     def _known(self) -> dict[tuple[str, Theta, int], Reference]:
@@ -128,9 +128,9 @@ class PointFindings:
             if a != b
         }
         pairs |= {f"w = {w_0:g} → {w:g}, n = {n}": ((n, w), (n, w_0)) for n in self.point.budgets for w in wider}
-        found = {label: paired_t(self.returns(a), self.returns(b)) for label, (a, b) in pairs.items()}
-        adjusted = holm({label: t.p for label, t in found.items()})
-        return [(label, self.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
+        t_tests = {label: paired_t(self.returns(a), self.returns(b)) for label, (a, b) in pairs.items()}
+        adjusted = holm({label: t.p for label, t in t_tests.items()})
+        return [(label, self.contrast(*pairs[label]), t, adjusted[label]) for label, t in t_tests.items()]
 
     def gap(self, key: Key) -> Gap:
         """How far a cell is below the optimum, and why."""
@@ -148,12 +148,12 @@ class PointFindings:
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer) in plain words, the most important first."""
-        found = [("How far from optimal, and why?", self._short_of_optimal())]
+        sentences = [("How far from optimal, and why?", self._short_of_optimal())]
         if len(self.point.widths) > 1:
-            found.insert(0, ("What did width cost?", self._width()))
+            sentences.insert(0, ("What did width cost?", self._width()))
         if len(self.point.budgets) > 1:
-            found.insert(0, ("What were the first rollouts worth?", self._first_rollouts()))
-        return found
+            sentences.insert(0, ("What were the first rollouts worth?", self._first_rollouts()))
+        return sentences
 
     def label(self, w: float) -> str:
         """A width as it is printed; at the prior range it is no more than a number in a table."""

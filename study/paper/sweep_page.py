@@ -34,27 +34,30 @@ def outputs(preset: Preset) -> tuple[str, ...]:
     return "runs.csv", "references.csv", *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
 
 
-def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) -> Account:
+def sweep_account(answers: Sequence[PointFindings], reproduction: Reproduction) -> Account:
     """What is told of the operating points, one after the other, and of all of them against the publication."""
     from study.paper.paper_figures import drawings  # loads matplotlib, which no worker needs
 
-    preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
-    references = {(r.key, r.seed): r for answer in found for r in answer.references}
+    preset, runs = answers[0].preset, [run for answer in answers for run in answer.runs]
+    references = {(r.key, r.seed): r for answer in answers for r in answer.references}
     made = [*runs, *references.values()]
     drawn = [
-        {preset.figure_file(answer.point.name, name): (draw, POINT_CAPTIONS[name]) for name, draw in own.items()}
-        for answer, own in zip(found, map(drawings, found), strict=True)
+        {preset.figure_file(answer.point.name, name): (draw, POINT_CAPTIONS[name]) for name, draw in figures.items()}
+        for answer, figures in zip(answers, map(drawings, answers), strict=True)
     ]
     held = {f"{name}.png": (draw, REPRODUCTION_CAPTIONS[name]) for name, draw in reproduction.drawings.items()}
-    told = [AnswerSection(own.sentences(), title(own.point) if len(found) > 1 else "", own.caveat()) for own in found]
+    sections = [
+        AnswerSection(answer.sentences(), title(answer.point) if len(answers) > 1 else "", answer.caveat())
+        for answer in answers
+    ]
     return Account(
         plan=preset,
-        sections=[*told, AnswerSection(reproduction.sentences())],
-        tables={"runs.csv": run_table(runs), "references.csv": reference_table(found)},
-        drawings={name: drawing for own in (*drawn, held) for name, drawing in own.items()},
+        sections=[*sections, AnswerSection(reproduction.sentences())],
+        tables={"runs.csv": run_table(runs), "references.csv": reference_table(answers)},
+        drawings={name: drawing for figures in (*drawn, held) for name, drawing in figures.items()},
         template="sweep.html.j2",
         shown={
-            "parts": list(zip(found, drawn, strict=True)),
+            "parts": list(zip(answers, drawn, strict=True)),
             "held": held,
             "controllers": CONTROLLER_LABELS,
             "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
@@ -69,7 +72,7 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
     )
 
 
-def reference_table(found: Sequence[PointFindings]) -> Table:
+def reference_table(answers: Sequence[PointFindings]) -> Table:
     """One row a controller, designed at a hidden plant's own (m, l).
 
     Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
@@ -77,7 +80,7 @@ def reference_table(found: Sequence[PointFindings]) -> Table:
     """
     rows = [
         (*truth, controller, *answer.rating(controller, answer.preset.reference_seeds))
-        for truth, answer in {answer.point.truth: answer for answer in found}.items()
+        for truth, answer in {answer.point.truth: answer for answer in answers}.items()
         for controller in CONTROLLERS
     ]
     return ("m", "l", "controller", "return_mean", "return_sem"), rows

@@ -94,24 +94,24 @@ class Database:
         self.db.execute("COMMIT")
         self.db.execute("PRAGMA busy_timeout = 600000")
 
-    def _check(self, found: Mapping[str, str], expected: Mapping[str, str]) -> None:
+    def _check(self, stored: Mapping[str, str], expected: Mapping[str, str]) -> None:
         for key, label in (("preset", "preset"), ("gapfinder", "gapfinder version"), ("format", "format")):
-            if found.get(key) != expected[key]:
+            if stored.get(key) != expected[key]:
                 raise InvalidInput(
-                    f"{self.folder} holds results of {label} {found.get(key)!r}, expected {expected[key]!r}: "
+                    f"{self.folder} holds results of {label} {stored.get(key)!r}, expected {expected[key]!r}: "
                     "choose another --out, or move that folder away"
                 )
-        if found.get("fingerprint") != expected["fingerprint"]:
-            was, now = dict(json.loads(found.get("settings", "{}"))), json.loads(expected["settings"])
+        if stored.get("fingerprint") != expected["fingerprint"]:
+            was, now = dict(json.loads(stored.get("settings", "{}"))), json.loads(expected["settings"])
             changed = [f"{k} = {excerpt(was.get(k))}, now {now[k]}" for k in now if was.get(k) != now[k]]
             raise InvalidInput(
                 f"{self.folder} holds results of other settings of preset {expected['preset']!r} "
                 f"({'; '.join(changed) or 'unknown'}): choose another --out, or move that folder away"
             )
-        if found.get("device") != expected["device"]:
+        if stored.get("device") != expected["device"]:
             raise InvalidInput(
-                f"{self.folder} holds runs of device {found.get('device')!r}, where other agents train together than "
-                f"on {expected['device']!r}: go on with --device {found.get('device')}, or choose another --out"
+                f"{self.folder} holds runs of device {stored.get('device')!r}, where other agents train together than "
+                f"on {expected['device']!r}: go on with --device {stored.get('device')}, or choose another --out"
             )
 
     def __enter__(self) -> Self:

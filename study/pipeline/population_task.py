@@ -45,7 +45,9 @@ def policy_file(folder: Path, key: tuple[Any, ...] | str) -> Path:
 
 def write_policy(folder: Path, key: tuple[Any, ...] | str, policy: NetworkPolicy) -> None:
     """Keep a policy; whole or not at all. Raises OSError."""
-    arrays = {f"{kind}{i}": own for i, layer in enumerate(policy.layers) for kind, own in zip("wb", layer, strict=True)}
+    arrays = {
+        f"{kind}{i}": array for i, layer in enumerate(policy.layers) for kind, array in zip("wb", layer, strict=True)
+    }
     content, path = io.BytesIO(), policy_file(folder, key)
     np.savez(content, u_max=policy.u_max, history=policy.history, **arrays)
     path.parent.mkdir(exist_ok=True)

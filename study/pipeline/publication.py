@@ -106,9 +106,9 @@ class Account:
 def publish(results: Database, account: Callable[[], Account], console: Console) -> None:
     """Write what is told of an experiment into the folder of its results, and say the answers and where they are."""
     with console.status("drawing"):
-        told = account()
-        figures = told.write(results.folder, results.device)
-    told.say(console)
+        report = account()
+        figures = report.write(results.folder, results.device)
+    report.say(console)
     console.print(f"report   {results.folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures))}", soft_wrap=True)
 
@@ -118,7 +118,7 @@ def template(name: str) -> jinja2.Template:
     loader = jinja2.PackageLoader("study")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value_text)
-    environment.filters |= {own.__name__: own for own in filters}
+    environment.filters |= {function.__name__: function for function in filters}
     environment.tests["finite"] = math.isfinite
     return environment.get_template(name)
 
@@ -130,7 +130,7 @@ def embedded(file: Path) -> str:
 
 def unbroken(text: object) -> str:
     """The same with no line break inside an interval."""
-    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), str(text))
+    return re.sub(r"\S+ \[[^]]*\]", lambda match: match.group().replace(" ", "\u00a0"), str(text))
 
 
 def p_value_text(value: float) -> str:

@@ -113,10 +113,10 @@ def versions() -> dict[str, str]:
     return installed_versions(PACKAGES)
 
 
-def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:
+def all_versions(made_with: Iterable[Mapping[str, str]]) -> dict[str, str]:
     """Every version of each package that took part."""
     together: dict[str, set[str]] = {}
-    for own in found:
-        for package, number in own.items():
+    for packages in made_with:
+        for package, number in packages.items():
             together.setdefault(package, set()).add(number)
     return {package: " and ".join(sorted(numbers)) for package, numbers in together.items()}

@@ -47,8 +47,8 @@ class ResultTable(Generic[R]):
     def row(self, value: R) -> list[Any]:
         cells: list[Any] = []
         for name, (width, _) in _fields(self.kind).items():
-            own = getattr(value, name)
-            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple) else own]
+            entry = getattr(value, name)
+            cells += entry if width > 1 else [json.dumps(entry) if isinstance(entry, dict | tuple) else entry]
         return cells
 
     def value(self, row: Sequence[Any]) -> R:
@@ -87,7 +87,7 @@ def _of_json(hint: Any) -> Callable[[Any], Any]:
     """What makes a value of a type of plain data, in which tuples are lists."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is dict and get_origin(parts[1]) is tuple:
-        return lambda data: {name: tuple(own) for name, own in data.items()}
+        return lambda data: {name: tuple(values) for name, values in data.items()}
     if origin is tuple:
         return (lambda data: tuple(map(tuple, data))) if get_origin(parts[0]) is tuple else tuple
     return lambda data: data
@@ -123,7 +123,7 @@ def read_table(
     except (UnicodeDecodeError, csv.Error):
         raise InvalidInput(f"{path} is not a table of {about}: expected CSV with columns {', '.join(needed)}") from None
     for column, allowed in (known or {}).items():
-        if foreign := [own for row in rows if (own := getattr(row, column)) not in allowed]:
+        if foreign := [entry for row in rows if (entry := getattr(row, column)) not in allowed]:
             expected = ", ".join(allowed)
             raise InvalidInput(f"{path} has a row of {column} {foreign[0]!r}: expected one of {expected}")
     return rows

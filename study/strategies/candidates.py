@@ -48,7 +48,7 @@ def most_promising(x: Array, y: Array, seed: int) -> Array:
     return _largest("PosteriorMean", x, y, seed)
 
 
-def _largest(acquisition: str, x: Array, y: Array, seed: int, **own: float) -> Array:
+def _largest(acquisition: str, x: Array, y: Array, seed: int, **options: float) -> Array:
     """Where BoTorch's acquisition of that name is largest, of a process with its default kernel and priors, the numbers
     of which are the likeliest."""
     check_installed("botorch", "strategies", "BayRn")
@@ -67,9 +67,9 @@ def _largest(acquisition: str, x: Array, y: Array, seed: int, **own: float) -> A
         torch.manual_seed(seed)
         process = SingleTaskGP(points, values, outcome_transform=Standardize(m=1))
         fit_gpytorch_mll(ExactMarginalLogLikelihood(process.likelihood, process))
-        sought = getattr(analytic, acquisition)(process, **own)
-        found, _ = optimize_acqf(sought, bounds=cube, q=1, num_restarts=STARTS, raw_samples=SAMPLES)
-    return np.round(found[0].detach().numpy(), DIGITS)
+        sought = getattr(analytic, acquisition)(process, **options)
+        best, _ = optimize_acqf(sought, bounds=cube, q=1, num_restarts=STARTS, raw_samples=SAMPLES)
+    return np.round(best[0].detach().numpy(), DIGITS)
 
 
 WIDEST = 0.5
@@ -160,7 +160,7 @@ class CrossEntropy(Strategy):
             agents, returns = yield from tried(situation, x)
             mean, sd = self.refitted(x, returns)
             k = int(np.argmax(returns))
-            best = max(best, (float(returns[k]), agents[k]), key=lambda own: own[0])
+            best = max(best, (float(returns[k]), agents[k]), key=lambda pair: pair[0])
         return Choice(band(situation, mean), best[1], best[0])
 
     def generation(self, mean: Array, sd: Array, rng: np.random.Generator) -> Array:

@@ -37,27 +37,29 @@ PLACES = {
 def strategy_called(name: str) -> Strategy:
     """The strategy of that name. Raises InvalidInput for an unknown one or one of an unknown group, and for a file
     without such a class."""
-    found = _found(name)
-    return found() if isinstance(found, type) else found
+    strategy = _looked_up(name)
+    return strategy() if isinstance(strategy, type) else strategy
 
 
 @cache
-def _found(name: str) -> type[Strategy] | Strategy:
+def _looked_up(name: str) -> type[Strategy] | Strategy:
     from study.strategies.strategy import GROUPS, Strategy
     from sysid import InvalidInput
     from sysid.data.files import read_file
     from sysid.data.user_effects import run_file
 
     if name in PLACES:
-        module, _, own = PLACES[name].partition(":")
-        return getattr(importlib.import_module(f"study.strategies.{module}"), own)
-    path, _, own = name.rpartition(":")
+        module, _, attribute = PLACES[name].partition(":")
+        return getattr(importlib.import_module(f"study.strategies.{module}"), attribute)
+    path, _, attribute = name.rpartition(":")
     if not path.endswith(".py"):
         raise InvalidInput(f"unknown strategy {name!r}: expected one of {', '.join(PLACES)}, or FILE.py:CLASS")
     read_file(Path(path), "a Python file with a strategy")
-    found = getattr(run_file(Path(path).resolve(), f"{__name__}:{path}"), own, None)
-    if not (isinstance(found, type) and issubclass(found, Strategy)):
-        raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.strategy.Strategy")
-    if found.group not in GROUPS:
-        raise InvalidInput(f"strategy {name!r} has group = {found.group!r}: expected one of {', '.join(GROUPS)}")
-    return found
+    strategy = getattr(run_file(Path(path).resolve(), f"{__name__}:{path}"), attribute, None)
+    if not (isinstance(strategy, type) and issubclass(strategy, Strategy)):
+        raise InvalidInput(
+            f"{path} has no strategy {attribute!r}: expected a subclass of study.strategies.strategy.Strategy"
+        )
+    if strategy.group not in GROUPS:
+        raise InvalidInput(f"strategy {name!r} has group = {strategy.group!r}: expected one of {', '.join(GROUPS)}")
+    return strategy

@@ -67,11 +67,11 @@ def design_tasks(
         lacking = [seed for seed in plan.seeds if (plant, seed) not in known]
         for seeds in (lacking[i : i + TOGETHER] for i in range(0, len(lacking), TOGETHER)):
             pairs = [(seed, key) for seed in seeds for key in wanted.get((plant, seed), {})]
-            own = {key: models[key] for _, key in pairs}
-            name, work = f"designs for {plant}, seeds {seeds[0]} to {seeds[-1]}", 3.0 * (len(own) + 2)
+            payloads = {key: models[key] for _, key in pairs}
+            name, work = f"designs for {plant}, seeds {seeds[0]} to {seeds[-1]}", 3.0 * (len(payloads) + 2)
             work *= (plan.grid / 120.0) ** 2
             yield BriefTask(
-                name, "dynamic programming", work, DESIGNS, returns_of_designs, (plan, plant, seeds, own, pairs)
+                name, "dynamic programming", work, DESIGNS, returns_of_designs, (plan, plant, seeds, payloads, pairs)
             )
 
 

@@ -72,8 +72,8 @@ class Dropo(Strategy):
                    "seed": np.nan}  # fmt: skip
         low, high = situation.bounds.T
         begin = np.concatenate([(situation.believed - low) / (high - low), np.full(P, 0.7)])
-        found = cma.fmin2(None, begin, 0.25, options, parallel_objective=misfits)[1].result
-        return self._of(situation, np.asarray(found.xbest))
+        result = cma.fmin2(None, begin, 0.25, options, parallel_objective=misfits)[1].result
+        return self._of(situation, np.asarray(result.xbest))
 
     def _of(self, situation: Situation, x: Array) -> tuple[Array, Array]:
         """mu and sigma (..., P) of points (..., 2 P) of the unit cube: mu evenly, log sigma evenly."""

@@ -72,7 +72,7 @@ def take_up(file: Path, plan: TrialPlan, results: Database) -> None:
     rows, cases = read_table(FinishedCase, file, "finished cases"), set(plan.cases)
     for row in rows:
         if row.case not in cases:
-            own = ", ".join(map(str, row.case))
-            raise InvalidInput(f"{file} has the case {own}: expected cases of {plan.name!r} ({plan.arguments})")
+            case = ", ".join(map(str, row.case))
+            raise InvalidInput(f"{file} has the case {case}: expected cases of {plan.name!r} ({plan.arguments})")
     results.add(TRAININGS, [agent for row in rows for agent in row.agents])
     results.add(STEPS, [row.last_round(file.name) for row in rows])

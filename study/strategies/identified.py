@@ -39,11 +39,15 @@ class Unmeasured(Strategy):
         yield  # a generator that asks for nothing
 
 
-PRIOR_ALONE = Unmeasured(lambda own: TrainingSetup(own.prior, Band(own.named(own.believed))), "prior")
+PRIOR_ALONE = Unmeasured(
+    lambda situation: TrainingSetup(situation.prior, Band(situation.named(situation.believed))), "prior"
+)
 """The agent is trained at what an engineer would assume."""
 
 WHOLE_PRIOR_RANGE = Unmeasured(
-    lambda own: TrainingSetup(own.prior, Ranges.of(own.prior, own.names)), "prior range", "Tobin 2017, Peng 2018"
+    lambda situation: TrainingSetup(situation.prior, Ranges.of(situation.prior, situation.names)),
+    "prior range",
+    "Tobin 2017, Peng 2018",
 )
 """Every episode draws the parameters from all that is plausible. Tobin et al., "Domain randomization for transferring
 deep neural networks from simulation to the real world", IROS 2017; Peng et al., ICRA 2018, of whom the policy's memory
@@ -114,8 +118,8 @@ class DesignedExcitation(Strategy):
         rough = fit(situation.prior, records, situation.sensor, situation.names)
         torques = designed_torques(rough, situation, situation.budget - SPLIT_ROLLOUTS, records[0].t[-1])
         records += yield Play(len(torques), torques, at_rest=True)
-        found = fit(rough.model, records, situation.sensor, situation.names)
-        return TrainingSetup(found.model, center(found))
+        estimate = fit(rough.model, records, situation.sensor, situation.names)
+        return TrainingSetup(estimate.model, center(estimate))
 
 
 def designed_torques(rough: Estimate, situation: Situation, rollouts: int, duration: float) -> np.ndarray:

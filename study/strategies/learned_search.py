@@ -117,7 +117,7 @@ class AutoTuned(Strategy):
     def taught(self, situation: Situation, seen: Array, values: Array) -> EpisodeNetwork:
         """The network, taught with random candidates for each of the episodes: log odds that one is too high."""
         low, high = situation.bounds.T
-        seen, values = (np.repeat(own, self.candidates, axis=0) for own in (seen, values))
+        seen, values = (np.repeat(array, self.candidates, axis=0) for array in (seen, values))
         tried, network = situation.rng.uniform(low, high, values.shape), EpisodeNetwork(width=32, epochs=300)
         loss = "binary_cross_entropy_with_logits"
         network.fit(seen, (tried - low) / (high - low), (tried > values).astype(float), loss, situation.rng)
@@ -186,7 +186,7 @@ class AdaptSim(Strategy):
         places = np.broadcast_to(grid.unit[:, None, None], (*seen.shape[:3], grid.unit.shape[1]))
         targets = np.broadcast_to(worth[:, :, None], (*seen.shape[:3], worth.shape[2]))
         policy = AdaptationPolicy(grid, situation.simulated)
-        policy.fit(*(own.reshape(-1, own.shape[-1]) for own in (seen, places, targets)), situation.rng)
+        policy.fit(*(array.reshape(-1, array.shape[-1]) for array in (seen, places, targets)), situation.rng)
         return policy
 
     def _played(self, situation: Situation, values: Array, whole: bool) -> tuple[Array, Array]:
@@ -195,10 +195,10 @@ class AdaptSim(Strategy):
         model = situation.model(np.repeat(values, self.episodes, axis=0))
         starts = np.tile(task.draw_start_states([rng] * self.episodes).T, (count, 1)).T
         seen, returns = [], np.empty((count, count))
-        for i, own in enumerate(values):
-            policy = solve(situation.prior.with_parameters(situation.named(own)), META_TRAINING_GRID)
-            found, run = played(situation, policy, model, starts, whole)
-            seen.append(found.reshape(count, self.episodes, -1))
+        for i, parameters in enumerate(values):
+            policy = solve(situation.prior.with_parameters(situation.named(parameters)), META_TRAINING_GRID)
+            features, run = played(situation, policy, model, starts, whole)
+            seen.append(features.reshape(count, self.episodes, -1))
             returns[i] = np.mean(run.returns.reshape(count, self.episodes), axis=1)
         return np.array(seen), returns
 
@@ -245,8 +245,8 @@ class Levels:
 
         r is the return there as a share of the target's own, (R_ij - R_jj) / |R_jj|.
         """
-        own = np.diag(returns)
-        r = (returns - own) / np.abs(own)
+        own_returns = np.diag(returns)
+        r = (returns - own_returns) / np.abs(own_returns)
         base = self.count ** np.arange(len(self.bounds))[::-1]
         after = np.rint(self.stepped(self.unit[:, None], self.steps) * (self.count - 1)).astype(int) @ base
         value = np.zeros_like(r)

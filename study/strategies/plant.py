@@ -50,8 +50,10 @@ class BudgetedPlant:
         """Episodes of a policy; a record ends with the state before the last command."""
         rngs, starts = self._begin(rollouts, at_rest)
         seen = rollout(policy, self.model, *starts, horizon=self.steps)
-        found = [self._read(seen.u[:-1, e], seen.theta[:, e], seen.theta_dot[:, e], rng) for e, rng in enumerate(rngs)]
-        return Tried(found, seen.returns)
+        records = [
+            self._read(seen.u[:-1, e], seen.theta[:, e], seen.theta_dot[:, e], rng) for e, rng in enumerate(rngs)
+        ]
+        return Tried(records, seen.returns)
 
     def _begin(self, rollouts: int, at_rest: bool) -> tuple[list[np.random.Generator], tuple[Array, Array]]:
         """The generators of the next rollouts, and where these start."""

@@ -62,7 +62,7 @@ def populations(plan: TrialPlan, agents: Sequence[AgentToTrain], device: str = "
     groups: dict[str, list[AgentToTrain]] = {}
     for agent in agents:
         groups.setdefault(_structure(training_setup_of(agent.setup)), []).append(agent)
-    return [own for group in groups.values() for own in partition(group, plan.agents, device)]
+    return [population for group in groups.values() for population in partition(group, plan.agents, device)]
 
 
 def _structure(setup: TrainingSetup) -> str:
@@ -84,8 +84,8 @@ def networks_of(population: SACPopulation, a: int) -> dict[str, torch.Tensor]:
     """Actor, critics, targets and temperature of agent a, as they stand in the population."""
     loss = population.loss
     leaves = {f"actor{i}": leaf[a] for i, leaf in enumerate(loss.actor_leaves)}
-    for name, own in (("critic", loss.critic_leaves), ("target", loss.target_leaves)):
-        leaves |= {f"{name}{i}": leaf[:, a] for i, leaf in enumerate(own)}
+    for name, tensors in (("critic", loss.critic_leaves), ("target", loss.target_leaves)):
+        leaves |= {f"{name}{i}": leaf[:, a] for i, leaf in enumerate(tensors)}
     return {name: leaf.detach() for name, leaf in {**leaves, "log_alpha": loss.log_alpha[a]}.items()}
 
 
@@ -134,14 +134,14 @@ class AgentPopulation(PopulationTask):
             if key.endswith(CRITICS):
                 (self.folder / NETWORKS).mkdir(exist_ok=True)
                 _write(self.folder / NETWORKS / f"{key}.npz", networks_of(population, a))
-        policies, found = population.policies(), versions()
+        policies, made_with = population.policies(), versions()
         reached: list[dict[str, tuple[float, ...]]] = [{} for _ in self.agents]
         starts = [fresh_start_states(agent.seed, self.plan.episodes) for agent in self.agents]
         states = [np.array(column) for column in zip(*starts, strict=True)]
         for plant in self.plants:
-            for own, row in zip(reached, batch_returns(policies, ground_truth(plant), *states), strict=True):
-                own[plant.name] = tuple(row.tolist())
-        return [Trained(key, own, found, seconds) for key, own in zip(self.keys, reached, strict=True)]
+            for returns, row in zip(reached, batch_returns(policies, ground_truth(plant), *states), strict=True):
+                returns[plant.name] = tuple(row.tolist())
+        return [Trained(key, returns, made_with, seconds) for key, returns in zip(self.keys, reached, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class PlantPopulation(AgentPopulation):
         groups: dict[tuple[str, int, bool], list[Learner]] = {}
         for learner in learners:
             groups.setdefault((learner.plant, learner.rollouts, bool(learner.start)), []).append(learner)
-        return [cls(plan, tuple(own), **training) for own in groups.values()]
+        return [cls(plan, tuple(group), **training) for group in groups.values()]
 
     @property
     def name(self) -> str:

@@ -44,14 +44,14 @@ def smoothing_covariance(sensor: Sensor, dt: float) -> Array:
 @cache
 def _operators(count: int, dt: float, theta: float | None, theta_dot: float | None) -> tuple[Array, Array]:
     """What angles, and what speeds, are multiplied with to give both states at every instant (2, N+1, N+1)."""
-    found = np.zeros((2, 2, count, count))
+    operators = np.zeros((2, 2, count, count))
     for k in range(count):
         before, after = min(k, REACH), min(count - 1 - k, REACH)
         rows, _ = _projector(before, after, dt, theta, theta_dot)
         parts = [0.0 * rows, rows] if theta is None else np.split(rows, 2, axis=1)
-        for channel, own in zip(found, parts, strict=True):
-            channel[:, k, k - before : k + after + 1] = own
-    return found[0], found[1]
+        for channel, part in zip(operators, parts, strict=True):
+            channel[:, k, k - before : k + after + 1] = part
+    return operators[0], operators[1]
 
 
 @cache
@@ -64,9 +64,9 @@ def _projector(before: int, after: int, dt: float, theta: float | None, theta_do
     one = np.ones_like(s)
     angle = np.stack([one, s, s**2 / 2.0, s**3 / 6.0], 1)
     speed = np.stack([0.0 * one, one, s, s**2 / 2.0], 1)
-    rows = [(own, sd) for own, sd in ((angle, theta), (speed, theta_dot)) if sd is not None]
+    rows = [(basis, sd) for basis, sd in ((angle, theta), (speed, theta_dot)) if sd is not None]
     weight = np.concatenate([np.full(len(s), 1.0 / sd) for _, sd in rows])
-    solved = np.linalg.pinv(np.concatenate([own / sd for own, sd in rows]))
+    solved = np.linalg.pinv(np.concatenate([basis / sd for basis, sd in rows]))
     return (solved * weight)[:2], (solved @ solved.T)[:2, :2]
 
 
@@ -92,8 +92,8 @@ def summary_statistics(u: Array, theta_dot: Array, theta: Array | None = None) -
     variances of Ramos, Possas and Fox, "BayesSim", RSS 2019, with the angle as gravity sees it.
     """
     d = np.diff(theta_dot, axis=-1)
-    found = [np.mean(d, -1), np.log(np.var(d, -1) + 1e-12), np.mean(d * u, -1)]
+    features = [np.mean(d, -1), np.log(np.var(d, -1) + 1e-12), np.mean(d * u, -1)]
     if theta is not None:
         side = np.sin(theta[..., :-1])
-        found += [np.mean(d * side, -1), np.mean(side**2, -1)]
-    return np.stack(found, -1)
+        features += [np.mean(d * side, -1), np.mean(side**2, -1)]
+    return np.stack(features, -1)

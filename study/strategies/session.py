@@ -30,7 +30,7 @@ from study.trials.ground_truth import PRIOR
 from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput
 
-Found = Callable[[str], NetworkPolicy | None]
+PolicyLookup = Callable[[str], NetworkPolicy | None]
 """The policy that is stored under a key; None where it is not trained yet."""
 
 
@@ -63,7 +63,7 @@ def key_of(setup: TrainingSetup, seed: int, critics: bool = False) -> str:
 
 
 def advance(
-    strategy: Strategy, situation: Situation, plant: BudgetedPlant, found: Found, where: str
+    strategy: Strategy, situation: Situation, plant: BudgetedPlant, policy_of: PolicyLookup, where: str
 ) -> Waiting | Finished:
     """Repeat a dialogue, and go on with it until an agent is missing; where: what tells its plant from others.
 
@@ -85,17 +85,17 @@ def advance(
             case Try():
                 answer = plant.run(request.agent.policy, request.rollouts, request.at_rest)
             case Train():
-                own = [key_of(setup, situation.seed, request.critics) for setup in request.setups]
-                policies = [found(key) for key in own]
+                requested = [key_of(setup, situation.seed, request.critics) for setup in request.setups]
+                policies = [policy_of(key) for key in requested]
                 if None in policies:
-                    return Waiting(dict(zip(own, request.setups, strict=True)))
-                keys += [key for key in own if key not in keys]
-                answer = tuple(map(TrainedAgent, own, policies))
+                    return Waiting(dict(zip(requested, request.setups, strict=True)))
+                keys += [key for key in requested if key not in keys]
+                answer = tuple(map(TrainedAgent, requested, policies))
             case Learn():
                 plant.spend(request.rollouts)
                 start = request.start.key if request.start else ""
                 key = f"{digest([where, start, request.rollouts])}-{situation.seed}"
-                policy = found(key)
+                policy = policy_of(key)
                 if policy is None:
                     return Waiting({}, learn=(key, start, request.rollouts))
                 answer = TrainedAgent(key, policy)
@@ -129,33 +129,33 @@ def case_rounds(
     plan: TrialPlan, current: int, cases: Sequence[Case], folder: Path, progress: Callable[[float], None]
 ) -> list[CaseRound]:
     """A round of the cases of one seed on one plant; folder: of the results, with the agents that are trained."""
-    found, policy = list[CaseRound](), cache(partial(read_policy, folder))
+    rounds, policy = list[CaseRound](), cache(partial(read_policy, folder))
     for case in cases:
         begin = time.perf_counter()
         payload = step(plan, case, policy)
-        found.append(CaseRound(case, current, payload, time.perf_counter() - begin))
-        progress(len(found) / len(cases))
-    return found
+        rounds.append(CaseRound(case, current, payload, time.perf_counter() - begin))
+        progress(len(rounds) / len(cases))
+    return rounds
 
 
-def step(plan: TrialPlan, case: Case, found: Found) -> dict[str, Any]:
+def step(plan: TrialPlan, case: Case, policy_of: PolicyLookup) -> dict[str, Any]:
     """How far a case's dialogue comes with the agents that are found. Raises InvalidInput as `advance` does."""
     strategy, plant = plan.strategy_on(plan.plant(case.plant), case.strategy), plan.plant_of(case)
     rng = np.random.default_rng([case.seed, int(digest(case.strategy), 16)])
     situation = Situation(PRIOR, plant.sensor, case.n, case.seed, rng)
     try:
-        came = advance(strategy, situation, plant, found, case.plant)
+        came = advance(strategy, situation, plant, policy_of, case.plant)
     except InvalidInput as error:
         raise InvalidInput(f"strategy {case.strategy!r} on {case.plant}, seed {case.seed}: {error}") from None
     if isinstance(came, Waiting):
         return {"setups": {key: setup.to_json() for key, setup in came.setups.items()}, "learn": came.learn}
     deployed, best = came.choice.deployed, came.choice.best
-    own = deployed.key if isinstance(deployed, TrainedAgent) else key_of(deployed, case.seed)
-    setups = {} if isinstance(deployed, TrainedAgent) else {own: deployed.to_json()}
+    deployed_key = deployed.key if isinstance(deployed, TrainedAgent) else key_of(deployed, case.seed)
+    setups = {} if isinstance(deployed, TrainedAgent) else {deployed_key: deployed.to_json()}
     trained = {*came.keys, *setups}
     learners = sum(key.endswith(CRITICS) for key in trained)
     answer = {
-        "deployed": own,
+        "deployed": deployed_key,
         "best": best.key if best else None,
         "observed": came.choice.observed if best else None,
         "rollouts": came.rollouts,

@@ -62,7 +62,7 @@ class SimOpt(Strategy):
 
     def discrepancy(self, situation: Situation, agent: TrainedAgent, tried: Tried, drawn: Array) -> Array:
         """How unlike the real episodes those of parameters (S, P) are: (S,), the mean of L1 and squared L2 norms."""
-        found = np.zeros(len(drawn))
+        discrepancies = np.zeros(len(drawn))
         for record in tried.records:
             theta, theta_dot = smoothed(record, situation.sensor)
             starts = np.full(len(drawn), theta[0]), np.full(len(drawn), theta_dot[0])
@@ -71,8 +71,8 @@ class SimOpt(Strategy):
             whole = reads_angles(record.theta)
             off = observed(seen.theta, seen.theta_dot, whole) - observed(theta[:, None], theta_dot[:, None], whole)
             off = gaussian_filter1d(off, self.blur, axis=1)
-            found += np.mean(np.abs(off) + off**2, axis=(0, 1)) / len(tried.records)
-        return found
+            discrepancies += np.mean(np.abs(off) + off**2, axis=(0, 1)) / len(tried.records)
+        return discrepancies
 
 
 def setup_of(situation: Situation, mean: Array, covariance: Array) -> TrainingSetup:

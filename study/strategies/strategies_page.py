@@ -32,36 +32,36 @@ FEWEST_SEEDS = 5
 
 def strategies_sentences(findings: TrialFindings) -> list[tuple[str, str]]:
     """Pairs of question and answer."""
-    found = [
+    sentences = [
         ("How many rollouts does it take?", _arrivals(findings)),
         ("Which strategy beats the point estimate?", _contrasts(findings)),
     ]
     if any(np.isfinite(o.observed).any() for o in findings.outcomes.values()):
-        found.append(("What is the best return worth that was seen?", _curse(findings)))
-    return found
+        sentences.append(("What is the best return worth that was seen?", _curse(findings)))
+    return sentences
 
 
 def _arrivals(findings: TrialFindings) -> str:
     """Who comes within NEAR of the optimum first, on every plant."""
-    told = []
+    sentences = []
     for plant, sensing in findings.plan.places:
-        own = {s: findings.arrived(plant.name, sensing, s) for s in findings.plan.strategies}
-        there = {s: n for s, n in own.items() if n is not None}
+        arrivals = {s: findings.arrived(plant.name, sensing, s) for s in findings.plan.strategies}
+        there = {s: n for s, n in arrivals.items() if n is not None}
         counts = (len(o.seeds) for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing) and c.n)
         seeds = max(counts, default=len(findings.plan.seeds))
         where = f"On the plant with {plant.title}" if plant.effect else "On the paper's plant"
         where += f" ({sensing}, {seeds} seeds)"
         if not there:
-            told.append(f"{where} no strategy comes within {percent(NEAR)} of the optimum.")
+            sentences.append(f"{where} no strategy comes within {percent(NEAR)} of the optimum.")
             continue
         least = min(there.values())
         first = [strategy_called(s).short for s, n in there.items() if n == least]
-        told.append(
+        sentences.append(
             f"{where} {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
-            f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(own)} do so within the "
-            "budgets that were run."
+            f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(arrivals)} do so within "
+            "the budgets that were run."
         )
-    return " ".join(told) + _caution(findings)
+    return " ".join(sentences) + _caution(findings)
 
 
 def _contrasts(findings: TrialFindings) -> str:
@@ -84,14 +84,16 @@ def _contrasts(findings: TrialFindings) -> str:
 def _curse(findings: TrialFindings) -> str:
     """Observed returns of the best candidates against what these return when they are evaluated anew. Candidates are
     compared from rest and evaluated from the task's starts, so the two are no one scale; deployed is held against."""
-    told = []
+    sentences = []
     for strategy in findings.plan.strategies:
-        own = [o for c, o in findings.outcomes.items() if c.strategy == strategy and np.isfinite(o.best).any()]
-        if own:
-            gain = float(np.mean(np.concatenate([o.returns - o.best for o in own])))
-            told.append(f"{strategy_called(strategy).short}: what it deploys returns {signed(gain)} against its best "
-                        f"candidate so far, evaluated anew ({number(np.mean([o.anew for o in own]))})")  # fmt: skip
-    return "; ".join(told) + "." + _caution(findings)
+        outcomes = [o for c, o in findings.outcomes.items() if c.strategy == strategy and np.isfinite(o.best).any()]
+        if outcomes:
+            gain = float(np.mean(np.concatenate([o.returns - o.best for o in outcomes])))
+            sentences.append(
+                f"{strategy_called(strategy).short}: what it deploys returns {signed(gain)} against its best "
+                f"candidate so far, evaluated anew ({number(np.mean([o.anew for o in outcomes]))})"
+            )
+    return "; ".join(sentences) + "." + _caution(findings)
 
 
 def _caution(findings: TrialFindings) -> str:
@@ -126,13 +128,13 @@ def _lines(findings: TrialFindings) -> Figure:
     groups = {g: [s for s in plan.strategies if strategy_called(s).group == g] for g in GROUPS}
     context = [s for s in plan.strategies if s == REFERENCE or s in groups["nothing"]]
     grey = {s: {"color": "0.6", "marker": "o" if s == REFERENCE else "x+"[k % 2]} for k, s in enumerate(context)}
-    spending = {group: own for group, own in groups.items() if own and group != "nothing"}
+    spending = {group: strategies for group, strategies in groups.items() if strategies and group != "nothing"}
     figure = Figure(figsize=(2.8 + 2.4 * places, 1.0 + 2.4 * len(spending)), layout="constrained")
     rows = figure.subplots(len(spending), places + 1, squeeze=False, sharex="col",
                            width_ratios=[2.4] * places + [1.7])  # fmt: skip
     most = max(NEAR, *(outcome.shortfall.mean for outcome in findings.outcomes.values()))
-    for (group, own), (*panels, key) in zip(spending.items(), rows, strict=True):
-        looks = grey | dict(zip(own, cycle(LOOKS), strict=False))
+    for (group, strategies), (*panels, key) in zip(spending.items(), rows, strict=True):
+        looks = grey | dict(zip(strategies, cycle(LOOKS), strict=False))
         for (plant, sensing), axes in zip(plan.places, panels, strict=True):
             axes.set_yscale("log")
             axes.set_ylim(1.3 * most, 0.85 * FLOOR)
@@ -147,7 +149,7 @@ def _lines(findings: TrialFindings) -> Figure:
         annotate_beside(panels[0], percent(NEAR), (1.0, NEAR), (-3, 5), color=ACCENT, fontsize=8.0, ha="right",
                         xycoords=panels[0].get_yaxis_transform())  # fmt: skip
         panels[0].set_ylabel(f"{GROUPS[group]}\nshort of the optimum by")
-        for strategy, look in sorted(looks.items(), key=lambda item: item[0] not in own):
+        for strategy, look in sorted(looks.items(), key=lambda item: item[0] not in strategies):
             key.plot([], [], label=strategy_called(strategy).short, linewidth=1.4, markersize=4.5, **look)
         key.legend(loc="center left", fontsize=8.5)
         key.set_axis_off()
@@ -195,11 +197,11 @@ ROWS_CAPTION = (
 
 def account(plan: StrategiesPlan, results: TrialResults) -> Account:
     """What is told of the results."""
-    found = trial_findings(plan, results)
+    findings = trial_findings(plan, results)
     return trial_account(
-        found,
-        strategies_sentences(found),
-        (partial(returns_of_strategies, found), SHORTFALL_CAPTION if found.several else ROWS_CAPTION),
+        findings,
+        strategies_sentences(findings),
+        (partial(returns_of_strategies, findings), SHORTFALL_CAPTION if findings.several else ROWS_CAPTION),
         "strategies.html.j2",
         {"strategies": {name: strategy_called(name) for name in plan.strategies}},
     )

@@ -78,8 +78,8 @@ class StrategiesPlan(TrialPlan):
                 from sysid import InvalidInput
 
                 raise InvalidInput(f"strategy {name!r} was given {names.count(name)} times: expected each once")
-        own = tuple((name, REFERENCE) for name in names if name not in PLACES)
-        kept = tuple(pair for pair in (*self.contrasts, *own) if set(pair) <= set(names))
+        own_contrasts = tuple((name, REFERENCE) for name in names if name not in PLACES)
+        kept = tuple(pair for pair in (*self.contrasts, *own_contrasts) if set(pair) <= set(names))
         return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)
 
 

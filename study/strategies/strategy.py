@@ -220,7 +220,7 @@ class Situation:
 
     def rounds(self, most: int) -> list[int]:
         """How many rollouts each of at most so many rounds has."""
-        return [len(own) for own in np.array_split(np.arange(self.budget), min(most, self.budget))]
+        return [len(part) for part in np.array_split(np.arange(self.budget), min(most, self.budget))]
 
     def model(self, values: Array) -> Model:
         """The prior's model at values (..., P)."""

@@ -96,8 +96,8 @@ class TrialExperiment(StudyExperiment):
 
     def _round(self, current: int) -> list[CaseRound]:
         """What was reached in that round, in the plan's order."""
-        found = {step.case: step for step in self.results.all(STEPS) if step.round == current}
-        return [found[case] for case in self.plan.cases if case in found]
+        steps = {step.case: step for step in self.results.all(STEPS) if step.round == current}
+        return [steps[case] for case in self.plan.cases if case in steps]
 
     def _dialogues(self, current: int) -> Iterator[BriefTask]:
         """The dialogues of a round that are not known yet, of a plant and a seed together."""
@@ -123,10 +123,12 @@ class TrialExperiment(StudyExperiment):
             if step.payload["learn"]:
                 key, start, rollouts = step.payload["learn"]
                 learners.setdefault(key, Learner(key, start, rollouts, step.case.seed, step.case.plant))
-        agents = [AgentToTrain(key, own, seed) for key, (own, seed) in setups.items() if key not in known]
+        agents = [AgentToTrain(key, payload, seed) for key, (payload, seed) in setups.items() if key not in known]
         tasks = list[PopulationTask]()
         for goes_on, plan in ((False, self.plan), (True, self.plan.of_learners)):
-            own = [agent for agent in agents if agent.key.endswith(CRITICS) == goes_on]
-            tasks += [AgentPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
+            selected = [agent for agent in agents if agent.key.endswith(CRITICS) == goes_on]
+            tasks += [
+                AgentPopulation(plan, g, **self.training) for g in populations(plan, selected, self.results.device)
+            ]
         fresh = [learner for key, learner in learners.items() if key not in known]
         return tasks + PlantPopulation.tasks(self.plan, fresh, **self.training)

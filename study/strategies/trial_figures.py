@@ -24,21 +24,21 @@ INTERVAL_SEEDS = 3
 SENSED = {"encoder": "angle and speed read", "speed": "speed read"}
 
 
-def returns_in_rows(findings: TrialFindings, told: Callable[[str], Any], inks: Mapping[str, str]) -> Figure:
+def returns_in_rows(findings: TrialFindings, describe: Callable[[str], Any], inks: Mapping[str, str]) -> Figure:
     """Mean returns with 95 % intervals over seeds, all panels to one scale but each about its own optimum (red line);
     few rollouts hollow and many filled; small upright ticks are medians.
 
-    told: of each strategy its `short` words, and its `group`, which has an ink and stands together
+    describe: of each strategy its `short` words, and its `group`, which has an ink and stands together
     """
     plan = findings.plan
     places, y = dict[str, float](), 0.0
     for group in inks:
-        own = [strategy for strategy in plan.strategies if told(strategy).group == group]
-        places |= {strategy: y + k for k, strategy in enumerate(own)}
-        y += len(own) + 0.6 * bool(own)
+        members = [strategy for strategy in plan.strategies if describe(strategy).group == group]
+        places |= {strategy: y + k for k, strategy in enumerate(members)}
+        y += len(members) + 0.6 * bool(members)
     count, bottom = len(plan.places), max(places.values())
     figure, panels = panels_abreast(count, min(12.0, 2.6 + 3.4 * count), 1.9 + 0.34 * bottom)
-    reach = _reach(findings, told)
+    reach = _reach(findings, describe)
     for axes, (plant, sensing) in zip(panels, plan.places, strict=True):
         optimum = findings.optimum(plant.name)
         here = {c: o for c, o in findings.outcomes.items() if c[:2] == (plant.name, sensing)}
@@ -46,28 +46,28 @@ def returns_in_rows(findings: TrialFindings, told: Callable[[str], Any], inks: M
         axes.set_xlim(best - 1.12 * reach, best + 0.12 * reach)
         axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         for strategy, place in places.items():
-            ink, own = inks[told(strategy).group], [here[c] for c in sorted(here) if c.strategy == strategy]
-            for k, outcome in enumerate(own):
-                shift = 0.34 * (k - 0.5 * (len(own) - 1)) / max(1, len(own) - 1)
-                _draw(axes, outcome, place + shift, ink, last=k == len(own) - 1)
+            ink, outcomes = inks[describe(strategy).group], [here[c] for c in sorted(here) if c.strategy == strategy]
+            for k, outcome in enumerate(outcomes):
+                shift = 0.34 * (k - 0.5 * (len(outcomes) - 1)) / max(1, len(outcomes) - 1)
+                _draw(axes, outcome, place + shift, ink, last=k == len(outcomes) - 1)
         axes.axvline(optimum, color=ACCENT, linewidth=1.2, zorder=1)
         about = SENSED[sensing] * (len(plan.sensings) > 1), "not in the catalogue" * (plant.in_catalogue is False)
         panel_title(axes, plant.noun, plant.size, *about, fontsize=9.5)
         axes.tick_params(axis="y", length=0)
         faint_lines(axes, "x")
-    panels[0].set_yticks(list(places.values()), [told(strategy).short for strategy in places])
+    panels[0].set_yticks(list(places.values()), [describe(strategy).short for strategy in places])
     for label, strategy in zip(panels[0].get_yticklabels(), places, strict=True):
-        label.set_color(inks[told(strategy).group])
+        label.set_color(inks[describe(strategy).group])
     panels[0].set_ylim(bottom + 0.7, -0.7)
     figure.supxlabel("return on the hidden plant: mean and 95 % interval over seeds", fontsize=10.0)
     _key(figure, sorted({condition.n for condition in findings.outcomes} - {0}))
     return figure
 
 
-def _reach(findings: TrialFindings, told: Callable[[str], Any]) -> float:
+def _reach(findings: TrialFindings, describe: Callable[[str], Any]) -> float:
     """The largest gap to the optimum of a strategy that measured, or knows; others may leave the panels."""
     gaps = {c: o.gap for c, o in findings.outcomes.items()}
-    measured = [gap for c, gap in gaps.items() if told(c.strategy).group != "nothing"]
+    measured = [gap for c, gap in gaps.items() if describe(c.strategy).group != "nothing"]
     most = (LOWEST - 1.0) * max(abs(findings.optimum(plant.name)) for plant in findings.plan.plants)
     return min(most, max(1.0, *(measured or gaps.values())))
 

@@ -41,12 +41,12 @@ class TrialResults(NamedTuple):
     @property
     def answers(self) -> dict[Case, dict[str, Any]]:
         """What each finished case gave back."""
-        return {own.case: own.payload["answer"] for own in self.rounds if "answer" in own.payload}
+        return {step.case: step.payload["answer"] for step in self.rounds if "answer" in step.payload}
 
     @property
     def designed(self) -> dict[tuple[str, str, int], float]:
         """Mean returns of the designs by plant, model and seed."""
-        return {(own.plant, own.model, own.seed): float(np.mean(own.returns)) for own in self.designs}
+        return {(design.plant, design.model, design.seed): float(np.mean(design.returns)) for design in self.designs}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Outcome:
     def less(self, other: Outcome) -> Array:
         """The differences (S,) over the seeds that both have."""
         shared = sorted(set(self.seeds) & set(other.seeds))
-        one, two = (own.returns[[own.seeds.index(seed) for seed in shared]] for own in (self, other))
+        one, two = (outcome.returns[[outcome.seeds.index(seed) for seed in shared]] for outcome in (self, other))
         return np.asarray(one - two)
 
 
@@ -141,8 +141,8 @@ class TrialFindings:
 
     def optimum(self, plant: str) -> float:
         """Mean return of the near-optimal policy over the plan's seeds."""
-        own = [o for c, o in self.outcomes.items() if c.plant == plant]
-        return float(np.mean(max(own, key=lambda o: len(o.seeds)).optima))
+        outcomes = [o for c, o in self.outcomes.items() if c.plant == plant]
+        return float(np.mean(max(outcomes, key=lambda o: len(o.seeds)).optima))
 
     @property
     def several(self) -> bool:
@@ -156,14 +156,14 @@ class TrialFindings:
     def arrived(self, plant: str, sensing: str, strategy: str) -> int | None:
         """The smallest budget from which on it stays within NEAR of the optimum, among those with the most seeds; None
         where it does not get there."""
-        line, found = self.line(plant, sensing, strategy), None
+        line, budget = self.line(plant, sensing, strategy), None
         most = max((len(outcome.seeds) for outcome in line.values()), default=0)
         for n, outcome in sorted(line.items(), reverse=True):
             if len(outcome.seeds) == most:
                 if outcome.shortfall.mean > NEAR:
                     break
-                found = n
-        return found
+                budget = n
+        return budget
 
     def contrast(self, plant: str, n: int, a: str) -> PlannedContrast | None:
         """That of a strategy against its counterpart; None where none was planned."""
@@ -179,19 +179,19 @@ def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:
         return float("nan") if key is None else float(np.mean(agents[key].returns[plant]))
 
     outcomes = {}
-    for condition, own in cases_of(plan).items():
-        given = [answers[case] for case in own]
+    for condition, cases in cases_of(plan).items():
+        given = [answers[case] for case in cases]
         outcomes[condition] = Outcome(
-            seeds=tuple(case.seed for case in own),
+            seeds=tuple(case.seed for case in cases),
             returns=np.array([worth(a["deployed"], condition.plant) for a in given]),
-            optima=np.array([optima[condition.plant, case.seed] for case in own]),
+            optima=np.array([optima[condition.plant, case.seed] for case in cases]),
             best=np.array([worth(a["best"], condition.plant) for a in given]),
             observed=np.array([np.nan if a["observed"] is None else a["observed"] for a in given]),
             simulated=np.array([float(a["simulated"]) for a in given]),
             rollouts=np.array([float(a["rollouts"]) for a in given]),
         )
-    seconds = sum(own.seconds for table in results for own in table)
-    made_with = all_versions(own.versions for own in results.trained)
+    seconds = sum(row.seconds for table in results for row in table)
+    made_with = all_versions(agent.versions for agent in results.trained)
     imported = sum("imported" in answers[case] for case in plan.cases)
     trained = sum(not key.startswith(IMPORTED) for key in agents)
     compared = planned_contrasts(plan, outcomes)
@@ -200,10 +200,10 @@ def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:
 
 def cases_of(plan: TrialPlan) -> dict[Condition, list[Case]]:
     """The cases of every condition, in the plan's order."""
-    found: dict[Condition, list[Case]] = {}
+    cases: dict[Condition, list[Case]] = {}
     for case in plan.cases:
-        found.setdefault(case.condition, []).append(case)
-    return found
+        cases.setdefault(case.condition, []).append(case)
+    return cases
 
 
 def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) -> tuple[PlannedContrast, ...]:
@@ -212,15 +212,15 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
     for plant, sensing in plan.places:
         for n in plan.contrasted if sensing == plan.sensings[0] else ():
             for a, b in plan.contrasts:
-                sides = [plan.condition(plant, sensing, own, n) for own in (a, b)]
+                sides = [plan.condition(plant, sensing, strategy, n) for strategy in (a, b)]
                 if all(side in outcomes for side in sides):
                     place = plant.name, sensing, max(side.n for side in sides), a, b
                     differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])
-    found = {place: paired_t(d) for place, d in differences.items()}
-    adjusted = holm({place: contrast.p for place, contrast in found.items()})
+    contrasts = {place: paired_t(d) for place, d in differences.items()}
+    adjusted = holm({place: contrast.p for place, contrast in contrasts.items()})
     return tuple(
         PlannedContrast(*place, contrast, float(np.median(differences[place])), adjusted[place])
-        for place, contrast in found.items()
+        for place, contrast in contrasts.items()
     )
 
 
@@ -235,7 +235,7 @@ TABLES, FIGURE = ("cases.csv", "outcomes.csv", "contrasts.csv"), "returns.png"
 
 
 def trial_account(
-    found: TrialFindings,
+    findings: TrialFindings,
     sentences: Sequence[tuple[str, str]],
     drawing: Drawing,
     template: str,
@@ -249,41 +249,41 @@ def trial_account(
     shown      what the template shows besides the findings
     columns    further ones of the table of outcomes, by condition
     """
-    plan = found.plan
+    plan = findings.plan
     return Account(
         plan=plan,
         sections=[AnswerSection(sentences)],
-        tables=trial_tables(found, columns or {}),
+        tables=trial_tables(findings, columns or {}),
         drawings={FIGURE: drawing},
         template=template,
-        shown={"findings": found, "agents": found.agents, **shown},
+        shown={"findings": findings, "agents": findings.agents, **shown},
         counts={
             "cases": len(plan.cases),
-            "agents": found.agents,
-            **({"imported": found.imported} if found.imported else {}),
+            "agents": findings.agents,
+            **({"imported": findings.imported} if findings.imported else {}),
             "contrasts": [" - ".join(pair) for pair in plan.contrasts],
         },
-        seconds=found.seconds,
-        versions=found.versions,
+        seconds=findings.seconds,
+        versions=findings.versions,
     )
 
 
-def trial_tables(found: TrialFindings, columns: Mapping[Condition, Mapping[str, float]]) -> dict[str, Table]:
+def trial_tables(findings: TrialFindings, columns: Mapping[Condition, Mapping[str, float]]) -> dict[str, Table]:
     """TABLES; columns: further ones of outcomes, by condition."""
     cases = [
         (*condition, seed, *(None if math.isnan(value) else value for value in values))
-        for condition, own in found.outcomes.items()
-        for seed, *values in zip(own.seeds, own.returns, own.optima, own.best, own.observed, own.simulated, strict=True)
+        for condition, o in findings.outcomes.items()
+        for seed, *values in zip(o.seeds, o.returns, o.optima, o.best, o.observed, o.simulated, strict=True)
     ]
-    outcomes = [(*condition, *_outcome(own), *columns.get(condition, {}).values())
-                for condition, own in found.outcomes.items()]  # fmt: skip
-    contrasts = [[{**vars(c.contrast), **vars(c)}[name] for name in CONTRASTED] for c in found.compared]
+    outcomes = [(*condition, *_outcome(outcome), *columns.get(condition, {}).values())
+                for condition, outcome in findings.outcomes.items()]  # fmt: skip
+    contrasts = [[{**vars(c.contrast), **vars(c)}[name] for name in CONTRASTED] for c in findings.compared]
     heads = CASES, (*OUTCOMES, *next(iter(columns.values()), {})), CONTRASTED
     together = zip(TABLES, heads, (cases, outcomes, contrasts), strict=True)
     return {name: (head, map(printed, rows)) for name, head, rows in together}
 
 
-def _outcome(own: Outcome) -> Iterator[float]:
-    mean = own.mean
-    yield from (mean.seeds, mean.mean, mean.low, mean.high, own.median, own.gap)
-    yield from (float(np.mean(values)) for values in (own.optima, own.rollouts, own.simulated))
+def _outcome(outcome: Outcome) -> Iterator[float]:
+    mean = outcome.mean
+    yield from (mean.seeds, mean.mean, mean.low, mean.high, outcome.median, outcome.gap)
+    yield from (float(np.mean(values)) for values in (outcome.optima, outcome.rollouts, outcome.simulated))

@@ -111,7 +111,7 @@ class TrialPlan(StudySettings, ABC):
             (plant, sensing)
             for plant in self.plants
             for sensing in (self.sensings if plant.effect is None else self.sensings[:1])
-            if any(self.budgets_of(self.strategy_on(plant, own), sensing) for own in self.strategies)
+            if any(self.budgets_of(self.strategy_on(plant, name), sensing) for name in self.strategies)
         )
 
     def condition(self, plant: HiddenPlant, sensing: str, strategy: str, n: int) -> Condition:

@@ -223,7 +223,7 @@ class Windows:
         self.weights = weights
         self.response = Response(weights.base, records, sensor, cut(records, WINDOW))
         past = [[np.concatenate([np.zeros(i), r.u])[: len(r)] for i in range(weights.taps)] for r in records]
-        commands = np.concatenate([*(np.transpose(own) for own in past), np.zeros((1, weights.taps))])
+        commands = np.concatenate([*(np.transpose(delayed) for delayed in past), np.zeros((1, weights.taps))])
         self.commands: Array = commands[self.response.interval]  # (K, L, taps), the latest first
 
     def residual(self, p: Array, starts: Array) -> tuple[Array, Array]:
@@ -262,13 +262,13 @@ class Windows:
 
         K, L, _ = self.commands.shape
         x = torch.from_numpy(states[:, :L].reshape(K * L, 2)).requires_grad_()
-        own = torch.from_numpy(p).expand(K * L, -1).clone().requires_grad_()
+        weights = torch.from_numpy(p).expand(K * L, -1).clone().requires_grad_()
         u, *past = torch.from_numpy(self.commands.reshape(K * L, -1)).unbind(-1)
         t = torch.from_numpy(self.response.time[:, :L].reshape(-1))
-        after = self.weights.model(own).advance(State(x[:, 0], x[:, 1], (tuple(past),)), u, t)
+        after = self.weights.model(weights).advance(State(x[:, 0], x[:, 1], (tuple(past),)), u, t)
         A, G = np.empty((K * L, 2, 2)), np.empty((K * L, 2, len(p)))
         for row, value in enumerate((after.theta, after.theta_dot)):
-            slopes = torch.autograd.grad(value.sum(), (x, own), retain_graph=row == 0)
+            slopes = torch.autograd.grad(value.sum(), (x, weights), retain_graph=row == 0)
             A[:, row], G[:, row] = (slope.numpy() for slope in slopes)
         return A.reshape(K, L, 2, 2), G.reshape(K, L, 2, -1)
 

@@ -80,24 +80,26 @@ class Budget:
     def believed(self) -> bool:
         """Whether what was named is taken into the model: not where nothing known pays, nor where the error on held-out
         rollouts did not fall."""
-        found = self.diagnosis
-        return found.verdict != "unknown" and (not found.steps or found.error.ratio < found.base_error.ratio)
+        diagnosis = self.diagnosis
+        return diagnosis.verdict != "unknown" and (
+            not diagnosis.steps or diagnosis.error.ratio < diagnosis.base_error.ratio
+        )
 
     @cached_property
     def mended(self) -> Estimate:
         """Refitted on all rollouts with the effects that were named and believed."""
-        found = self.diagnosis
-        if not self.believed or not (found.steps or found.conventions):
+        diagnosis = self.diagnosis
+        if not self.believed or not (diagnosis.steps or diagnosis.conventions):
             return self.fitted
-        return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
+        return fit(diagnosis.estimate.model, self.records, self.sensor, diagnosis.estimate.names)
 
     def _mended(self) -> TrainingSetup:
-        found, model, drawn = self.diagnosis, self.mended.model.machine, center(self.mended)
+        diagnosis, model, drawn = self.diagnosis, self.mended.model.machine, center(self.mended)
         if not self.believed:
             drawn = self._with_random_force(drawn, self.mended.model)
-        elif found.verdict == "cannot tell":
+        elif diagnosis.verdict == "cannot tell":
             model, drawn = self._class()
-        return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), self.believed)
+        return TrainingSetup(model, drawn, diagnosis.verdict, tuple(s.effect for s in diagnosis.steps), self.believed)
 
     def _posterior(self) -> TrainingSetup:
         named = self._mended()
@@ -135,9 +137,9 @@ class Budget:
         free = [effect(name) for name in AT_ONCE if name != "saturation"]
         first = fit(dataclasses.replace(self.fitted.model, effects=tuple(free)), self.records, self.sensor)
         second = fit(first.model.with_effect(effect("saturation")), self.records, self.sensor)
-        errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
-        found = (first, second)[int(np.argmin(errors))]
-        numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
+        errors = [held_out_error(estimate.model, self.records, self.sensor).ratio for estimate in (first, second)]
+        nearer = (first, second)[int(np.argmin(errors))]
+        numbers = {"saturation.limit": PRIOR.u_max, **center(nearer).center}  # a limit that no command reaches
         return TrainingSetup(second.model.with_parameters(numbers), Band(numbers))
 
     def _network(self) -> TrainingSetup:

@@ -100,4 +100,4 @@ def together(setups: Sequence[TrainingSetup], device: str = "cpu") -> Model:
     (model, learned), *_ = parts = [apart(setup.model) for setup in setups]
     if not learned:
         return model
-    return dataclasses.replace(model, effects=(*model.effects, *stacked([own for _, own in parts], device)))
+    return dataclasses.replace(model, effects=(*model.effects, *stacked([effects for _, effects in parts], device)))

@@ -88,7 +88,7 @@ def run(command: WorthOptions) -> None:
     logger.debug("drawing machines and making policies for them")
     decision = SwingUpDecision.of(estimate.model, estimate.names, command.u_max)
     limits = dataclasses.replace(limits_of(tuple(task.log), estimate.model), rollouts=1)
-    found = worth_of_rollouts(
+    worth = worth_of_rollouts(
         estimate,
         _rollouts(task),
         decision,
@@ -98,20 +98,20 @@ def run(command: WorthOptions) -> None:
         command.draws,
         np.random.default_rng(command.seed),
     )
-    logger.info(found)
-    write_json(command.json, found.to_dict)
-    if found.experiment is None:
+    logger.info(worth)
+    write_json(command.json, worth.to_dict)
+    if worth.experiment is None:
         unwritten = [str(path) for path in (command.out, command.figure) if path is not None]
         if unwritten:
             logger.info(f"{' and '.join(unwritten)} not written: nothing is worth measuring")
         return
-    logger.info(f"the designed rollout: {found.experiment}")
-    write(command.out, found.experiment.write_csv)
+    logger.info(f"the designed rollout: {worth.experiment}")
+    write(command.out, worth.experiment.write_csv)
     if command.figure is not None:
         from study.figure_style import save_figure
         from study.worth.figure import worth_figure
 
-        write(command.figure, partial(save_figure, partial(worth_figure, found)))
+        write(command.figure, partial(save_figure, partial(worth_figure, worth)))
 
 
 def _estimate(command: WorthOptions, task: LogAndModel) -> Estimate:

@@ -85,8 +85,8 @@ class SwingUpDecision:
 
     def _worth(self, policies: Sequence[Predictive], true: Array) -> Array:
         """The mean return (K,) of one policy on all machines, or of each on its own, all machines side by side."""
-        own = {self.names[i]: np.repeat(true[:, i], self.episodes) for i in self._kept}
+        parameters = {self.names[i]: np.repeat(true[:, i], self.episodes) for i in self._kept}
         starts = (np.tile(values, len(true)) for values in fresh_start_states(0, self.episodes))
         policy = policies[0] if len(policies) == 1 else PolicyBatch(tuple(policies))
-        found = evaluate(policy, self.machine.with_parameters(own), *starts)
-        return np.asarray(np.mean(found.returns.reshape(len(true), -1), axis=1))
+        evaluation = evaluate(policy, self.machine.with_parameters(parameters), *starts)
+        return np.asarray(np.mean(evaluation.returns.reshape(len(true), -1), axis=1))

@@ -15,13 +15,13 @@ def worth_figure(worth: Worth) -> Figure:
     """What is added to the return over the number of further rollouts, with standard errors, less what they cost."""
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes = figure.subplots()
-    kinds = [kind for kind in KIND_COLOURS if any(own.kind == kind for own in worth.further)]
-    counts = sorted({own.rollouts for own in worth.further})
+    kinds = [kind for kind in KIND_COLOURS if any(x.kind == kind for x in worth.further)]
+    counts = sorted({x.rollouts for x in worth.further})
     places = {0: 0, **{h: i + 1 for i, h in enumerate(counts)}}
     for shift, kind in enumerate(kinds):
-        own = [x for x in worth.further if x.kind == kind]
-        at = [0.0, *(places[x.rollouts] + 0.06 * (shift - 0.5) for x in own)]
-        values, errors = [0.0, *(x.gain.value for x in own)], [0.0, *(x.gain.sem for x in own)]
+        points = [x for x in worth.further if x.kind == kind]
+        at = [0.0, *(places[x.rollouts] + 0.06 * (shift - 0.5) for x in points)]
+        values, errors = [0.0, *(x.gain.value for x in points)], [0.0, *(x.gain.sem for x in points)]
         label = f"{kind} rollouts" if kind == DESIGNED else f"rollouts {kind}"
         axes.errorbar(at, values, errors, color=KIND_COLOURS[kind], marker="o", capsize=0, label=label)
     axes.axhline(worth.perfect.value, color=ACCENT)

@@ -117,26 +117,26 @@ class BoundedNormal:
 
     def draws(self, rng: np.random.Generator, count: int) -> Array:
         """So many parameters (count, P). Where hardly any lie within the bounds, others are moved to the nearest."""
-        found = np.zeros((0, len(self.mean)))
+        inside = np.zeros((0, len(self.mean)))
         for _ in range(8):
-            found = np.concatenate([found, self._within(rng.standard_normal((TRIED, len(self.mean))))])
-            if len(found) >= count:
-                return self.coordinates.parameters(found[:count])
+            inside = np.concatenate([inside, self._within(rng.standard_normal((TRIED, len(self.mean))))])
+            if len(inside) >= count:
+                return self.coordinates.parameters(inside[:count])
         near = np.clip(self.coordinates.fitted, *self.bounds.T)
-        missing = np.broadcast_to(near, (count - len(found), len(near)))
-        return np.concatenate([self.coordinates.parameters(found), missing])
+        missing = np.broadcast_to(near, (count - len(inside), len(near)))
+        return np.concatenate([self.coordinates.parameters(inside), missing])
 
     @cached_property
     def centre(self) -> Array:
         """The parameters (P,) at the mean of what lies within the bounds."""
-        found = self._within(np.random.default_rng(0).standard_normal((TRIED, len(self.mean))))
-        if len(found) == TRIED:
+        inside = self._within(np.random.default_rng(0).standard_normal((TRIED, len(self.mean))))
+        if len(inside) == TRIED:
             return self.coordinates.parameters(self.mean)
-        if len(found) < FEWEST_DRAWS:
+        if len(inside) < FEWEST_DRAWS:
             positive, shown = self.mean.copy(), self.coordinates.shown
             positive[shown] = np.maximum(positive[shown], 1e-3)
             return np.clip(self.coordinates.parameters(positive), *self.bounds.T)
-        return np.clip(self.coordinates.parameters(np.mean(found, axis=0)), *self.bounds.T)
+        return np.clip(self.coordinates.parameters(np.mean(inside, axis=0)), *self.bounds.T)
 
     def _within(self, z: Array) -> Array:
         """Those x (D, P) of standard normal z whose parameters are within the bounds."""

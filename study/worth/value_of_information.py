@@ -102,7 +102,7 @@ class Worth:
     @property
     def break_even(self) -> float:
         """The price of a rollout below which measuring pays."""
-        return max([0.0, *(own.gain.value / own.rollouts for own in self.further)])
+        return max([0.0, *(further.gain.value / further.rollouts for further in self.further)])
 
     @property
     def best(self) -> Further | None:
@@ -153,7 +153,7 @@ class Worth:
             "return_now": asdict(self.now),
             "policy": self.policy,
             "perfect": asdict(self.perfect),
-            "further": [asdict(own) for own in self.further],
+            "further": [asdict(further) for further in self.further],
             "price": self.price,
             "break_even": self.break_even,
             "advice": self.advice,
@@ -165,7 +165,7 @@ class Worth:
             f"expected return of a policy trained now: {self.now.value:.4g} ± {self.now.sem:.2g}".replace("-", MINUS),
             f"knowing {', '.join(self.names)} perfectly would add {self.perfect}: no measurement is worth more",
         ]
-        lines += [f"  {counted(own)}: {own.gain}" for own in self.further]
+        lines += [f"  {counted(further)}: {further.gain}" for further in self.further]
         return "\n".join([*lines, "(± one standard error, over machines that the log leaves possible)", self.advice])
 
 
@@ -214,14 +214,14 @@ def worth_of_rollouts(
     if answer.settled:
         return answer
 
-    told = {AS_BEFORE: np.linalg.pinv(estimate.covariance, hermitian=True) / rollouts}
+    information = {AS_BEFORE: np.linalg.pinv(estimate.covariance, hermitian=True) / rollouts}
     experiment = None
     if design is not None:
         experiment = design(cost_of_errors(posterior, true, best - for_mean))
-        told[DESIGNED] = experiment.information
+        information[DESIGNED] = experiment.information
     gains = [
         Further(kind, h, Mean.of(decision.returns(_after(posterior, h * F, true, noise, randomized), true) - now))
-        for kind, F in told.items()
+        for kind, F in information.items()
         for h in further
     ]
     return replace(answer, further=tuple(gains), experiment=experiment)
@@ -259,5 +259,5 @@ def _after(posterior: BoundedNormal, information: Array, true: Array, noise: Arr
     """What the policies (K, D, P) will be made for, each after the log of its machine: its mean, or several draws."""
     known = [posterior.after(information, p, z) for p, z in zip(true, noise, strict=True)]
     if not randomized:
-        return np.array([own.centre[None] for own in known])
-    return np.array([own.draws(np.random.default_rng(i), SEVERAL) for i, own in enumerate(known)])
+        return np.array([normal.centre[None] for normal in known])
+    return np.array([normal.draws(np.random.default_rng(i), SEVERAL) for i, normal in enumerate(known)])

@@ -89,14 +89,14 @@ def test_the_whole_way(models, tmp_path, run, monkeypatch):
 
     code, said, _ = run("evaluate", folder, "--model", models / "paper.json", "--json", answer)
     assert code == 0
-    told = json.loads(answer.read_text())
+    result = json.loads(answer.read_text())
     other = evaluate(saved.policy, paper_model(2.0, 1.5), *fresh_start_states(0, 200))
-    assert told["own"]["mean"] == worth.mean and told["other"]["mean"] == other.mean
-    assert told["gap"]["mean"] == pytest.approx(worth.mean - other.mean)
-    low, high = told["gap"]["interval"]
+    assert result["own"]["mean"] == worth.mean and result["other"]["mean"] == other.mean
+    assert result["gap"]["mean"] == pytest.approx(worth.mean - other.mean)
+    low, high = result["gap"]["interval"]
     paired = (worth.returns - other.returns).std(ddof=1) / 200**0.5
     assert high - low == pytest.approx(2.0 * 1.972 * paired, rel=1e-3)
-    assert f"{told['gap']['mean']:.1f}" in said
+    assert f"{result['gap']['mean']:.1f}" in said
 
 
 def test_the_same_seed_gives_the_same_policy(models, policy, tmp_path, run):
@@ -111,10 +111,10 @@ def test_on_its_own_model_there_is_no_gap_and_references_stand_beside(models, po
     answer = tmp_path / "answer.json"
     words = ("evaluate", policy, "--model", models / "paper.json", "--references", "--json", answer, "--episodes", 30)
     assert run(*words)[0] == 0
-    told = json.loads(answer.read_text())
-    assert told["gap"] == {"mean": 0.0, "interval": [0.0, 0.0], "episodes": 30}
-    optimum, swing_up, lqr = told["references"]
-    assert optimum["mean"] > swing_up["mean"] > lqr["mean"] and optimum["mean"] > told["own"]["mean"]
+    result = json.loads(answer.read_text())
+    assert result["gap"] == {"mean": 0.0, "interval": [0.0, 0.0], "episodes": 30}
+    optimum, swing_up, lqr = result["references"]
+    assert optimum["mean"] > swing_up["mean"] > lqr["mean"] and optimum["mean"] > result["own"]["mean"]
 
 
 def test_the_policy_may_command_less_than_asked_of_a_weaker_machine(models, policy, run):
@@ -314,8 +314,8 @@ def test_the_time_is_measured_and_a_control_rate_is_advised(algorithm, steps, mo
 
 
 def test_an_effect_of_the_users_own_is_trained_on_and_needed_again(tmp_path, run):
-    own = tmp_path / "own.py"
-    own.write_text(
+    effects_file = tmp_path / "own.py"
+    effects_file.write_text(
         "from dataclasses import dataclass\n"
         "from sysid import JointEffect, ops, parameter, register\n\n"
         "@register\n@dataclass(frozen=True, eq=False)\n"
@@ -326,12 +326,12 @@ def test_an_effect_of_the_users_own_is_trained_on_and_needed_again(tmp_path, run
     )
     before = dict(sysid.CATALOGUE)
     try:
-        sysid.load_effects(own)
+        sysid.load_effects(effects_file)
         magnetic = dataclasses.replace(paper_model(), effects=(sysid.effect("magnet", a=0.3),))
         sysid.save(magnetic, tmp_path / "model.json")
         words = ("train", tmp_path / "model.json", "-o", tmp_path / "policy", *TINY)
-        assert run(*words, "--effects", own)[0] == 0
-        assert run("evaluate", tmp_path / "policy", "--effects", own, "--episodes", 5)[0] == 0
+        assert run(*words, "--effects", effects_file)[0] == 0
+        assert run("evaluate", tmp_path / "policy", "--effects", effects_file, "--episodes", 5)[0] == 0
     finally:
         sysid.CATALOGUE.clear()
         sysid.CATALOGUE.update(before)

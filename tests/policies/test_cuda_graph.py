@@ -50,12 +50,12 @@ class Waiting(TorchDispatchMode):
 
     def __init__(self):
         super().__init__()
-        self.found = []
+        self.calls = []
 
     def __torch_dispatch__(self, function, types, args=(), kwargs=None):
         name = function.name()
         if name in ("aten::_local_scalar_dense", "aten::item", "aten::is_nonzero", "aten::nonzero", "aten::equal"):
-            self.found.append(name)
+            self.calls.append(name)
         return function(*args, **(kwargs or {}))
 
 
@@ -66,12 +66,12 @@ class FromHost(TorchFunctionMode):
 
     def __init__(self):
         super().__init__()
-        self.found = []
+        self.calls = []
 
     def __torch_function__(self, function, types, args=(), kwargs=None):
         scalar = function is torch.where and any(isinstance(v, float | int) for v in args)
         if function in self.MAKERS or scalar:
-            self.found.append(function.__name__)
+            self.calls.append(function.__name__)
         return function(*args, **(kwargs or {}))
 
 
@@ -83,14 +83,14 @@ def test_a_learning_step_never_waits_for_the_device_and_brings_it_nothing(name, 
     population = make(name, algorithm)
     with Waiting() as waiting, FromHost() as bringing:
         population._learn()
-    assert waiting.found == [] and bringing.found == []
+    assert waiting.calls == [] and bringing.calls == []
 
 
 def test_what_waits_for_the_device_or_brings_it_something_is_seen():
     with Waiting() as waiting, FromHost() as bringing:
         float(torch.ones(2).sum())
         torch.as_tensor(1.0), torch.where(torch.tensor([True]), torch.zeros(1), 1.0)
-    assert waiting.found != [] and bringing.found == ["as_tensor", "tensor", "where"]
+    assert waiting.calls != [] and bringing.calls == ["as_tensor", "tensor", "where"]
 
 
 @pytest.mark.long

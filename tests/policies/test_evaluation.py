@@ -92,16 +92,16 @@ def test_a_policy_with_a_history_is_told_what_was_really_commanded():
         history = 2
 
         def __init__(self):
-            self.told = []
+            self.past_commands = []
 
         def __call__(self, state, t, past):
-            self.told.append(past)
-            return np.array([1.0, 10.0 * len(self.told)])
+            self.past_commands.append(past)
+            return np.array([1.0, 10.0 * len(self.past_commands)])
 
     policy = Remembering()
     evaluate(policy, paper_model(), np.zeros(2), np.zeros(2), horizon=3)
     expected = [[[0, 0], [0, 0]], [[1, 0], [2, 0]], [[1, 1], [2, 2]]]
-    np.testing.assert_array_equal(policy.told, expected)
+    np.testing.assert_array_equal(policy.past_commands, expected)
 
 
 def test_a_rollout_is_the_motion_whose_rewards_the_return_sums():

@@ -45,11 +45,11 @@ def test_it_computes_what_ordinary_layers_compute_and_its_gradients_are_autograd
     torch.testing.assert_close(ours, theirs)
     slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
     expected = torch.autograd.grad(theirs, [x, *leaves], slope)
-    for found, reference in zip(torch.autograd.grad(ours, [x, *leaves], slope), expected, strict=True):
-        torch.testing.assert_close(found, reference)
+    for gradient, reference in zip(torch.autograd.grad(ours, [x, *leaves], slope), expected, strict=True):
+        torch.testing.assert_close(gradient, reference)
     fixed = [leaf.detach() for leaf in leaves]
-    (found,) = torch.autograd.grad(WrittenOutMLP.apply(with_ones(x), *fixed), [x], slope)
-    torch.testing.assert_close(found, expected[0])
+    (gradient,) = torch.autograd.grad(WrittenOutMLP.apply(with_ones(x), *fixed), [x], slope)
+    torch.testing.assert_close(gradient, expected[0])
 
 
 def test_initial_weights_are_distributed_as_pytorchs():

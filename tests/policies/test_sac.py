@@ -152,8 +152,8 @@ def test_gradients_are_those_of_sacloss(hidden, actions):
     for k in range(4):
         batch = data(3, 32, seed=10 * k, action_size=actions)
         for name in ("critic_gradients", "actor_gradients"):
-            found, defined = getattr(sac.loss, name)(batch), getattr(StackedSACLoss, name)(sac.loss, batch)
-            for ours, theirs in zip(found, defined, strict=True):
+            gradients, defined = getattr(sac.loss, name)(batch), getattr(StackedSACLoss, name)(sac.loss, batch)
+            for ours, theirs in zip(gradients, defined, strict=True):
                 assert (theirs != 0.0).any()
                 torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-5 * float(theirs.abs().max()))
         sac.update(batch)
@@ -164,8 +164,8 @@ def test_torchrl_calls_it_as_any_of_its_losses():
     loss, batch = Learner((0, 1, 2), SMALL).loss, data(3, 8)
     answer = loss(batch.copy())
     assert {"loss_qvalue", "loss_actor", "loss_alpha"} <= set(answer.keys())
-    own = torch.autograd.grad(answer["loss_qvalue"], loss.critic_leaves)
-    for ours, theirs in zip(loss.critic_gradients(batch), own, strict=True):
+    expected = torch.autograd.grad(answer["loss_qvalue"], loss.critic_leaves)
+    for ours, theirs in zip(loss.critic_gradients(batch), expected, strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
 
 

@@ -25,12 +25,14 @@ def study(point=QUICK.points[0], start_effect=20.0):
 
     def run(cell):
         mean = OPTIMUM - ESTIMATE_COST[cell.n] - LEARNING_COST - WIDTH_COST * (cell.w > 0)
-        own, fresh = (episodes(value, cell.seed) for value in (mean, -400.0))
-        theta, reached = ESTIMATES[cell.n], (np.mean(own), np.std(own), np.mean(fresh))
+        episode_returns, fresh = (episodes(value, cell.seed) for value in (mean, -400.0))
+        theta, reached = ESTIMATES[cell.n], (np.mean(episode_returns), np.std(episode_returns), np.mean(fresh))
         curve = tuple((200 * (k + 1), -1000.0 / (k + 1)) for k in range(23))
         settings = {"sac": {"steps": preset.steps, "polyak": 0.005}}
         error = math.dist(theta, point.truth)
-        return Run(cell, theta, error, *map(float, reached), 60.0, own, fresh, curve, settings, {"torch": "2.x"})
+        return Run(
+            cell, theta, error, *map(float, reached), 60.0, episode_returns, fresh, curve, settings, {"torch": "2.x"}
+        )
 
     runs = [run(cell) for cell in preset.cells]
     returns = {(OPTIMAL, point.truth): OPTIMUM, (LQR, point.truth): -960.0, (SWING_UP, point.truth): -335.0}

@@ -29,7 +29,7 @@ def falling(power, noise=0.05):
 
 
 @pytest.fixture(scope="module")
-def found():
+def measured():
     return scatter(np.random.default_rng(5), seeds=60, budgets=(5, 50, 100, 200))
 
 
@@ -40,20 +40,22 @@ def test_the_rate_is_recognised():
     assert f"to the power {MINUS}0.20" in slow.answer
 
 
-def test_noise_in_the_inputs_scatters_m_and_does_not_move_it(found):
-    claim = claims.bias(found)
+def test_noise_in_the_inputs_scatters_m_and_does_not_move_it(measured):
+    claim = claims.bias(measured)
     assert claim.verdict == claims.FAILS
-    assert found.thetas(1.0, 50)[:, 0].mean() == pytest.approx(found.thetas(1.0, 50, clean=True)[:, 0].mean(), abs=0.03)
-    assert found.thetas(1.0, 50)[:, 0].std() > 0.4
+    assert measured.thetas(1.0, 50)[:, 0].mean() == pytest.approx(
+        measured.thetas(1.0, 50, clean=True)[:, 0].mean(), abs=0.03
+    )
+    assert measured.thetas(1.0, 50)[:, 0].std() > 0.4
 
 
-def test_a_shift_of_the_inputs_would_be_seen(found):
-    shifted = Scatter(found.truth, found.sigmas, found.budgets, found.estimates + 0.2, found.clean)
+def test_a_shift_of_the_inputs_would_be_seen(measured):
+    shifted = Scatter(measured.truth, measured.sigmas, measured.budgets, measured.estimates + 0.2, measured.clean)
     assert claims.bias(shifted).verdict == claims.IN_PART
 
 
-def test_a_floor_is_told_from_a_fall(found):
-    assert claims.error_floor(found).verdict == claims.FAILS
+def test_a_floor_is_told_from_a_fall(measured):
+    assert claims.error_floor(measured).verdict == claims.FAILS
     assert claims.error_floor(falling(0.0)).verdict == claims.OPEN
 
 
@@ -140,9 +142,9 @@ def curves(rise, seeds=6, spread=0.02, seed=1):
 
 
 def test_the_slope_at_the_end_of_training_is_found_with_its_interval():
-    found = [claims.slope(curves(12.0, seed=seed)) for seed in range(40)]
-    assert np.mean([slope.mean for slope in found]) == pytest.approx(12.0, rel=0.01)
-    assert 0.85 <= np.mean([slope.low < 12.0 < slope.high for slope in found]) <= 1.0
+    slopes = [claims.slope(curves(12.0, seed=seed)) for seed in range(40)]
+    assert np.mean([slope.mean for slope in slopes]) == pytest.approx(12.0, rel=0.01)
+    assert 0.85 <= np.mean([slope.low < 12.0 < slope.high for slope in slopes]) <= 1.0
     level = [(s, -300.0 - 1e4 / s) for s, _ in curves(0.0, 1)[0]]
     assert claims.slope([level, level]).mean == pytest.approx(0.03, abs=0.02)
 
@@ -159,9 +161,9 @@ def test_longer_training_decides_where_it_was_run(gain, verdict):
     assert claims.undertraining({0.5: curves(0.0)}, 50, 75_000).verdict == claims.OPEN
 
 
-def test_every_claim_quotes_the_paper(found):
-    said = [claims.rate(found), claims.bias(found), claims.error_floor(found), claims.plateau(), claims.monotone(),
-            claims.starts(), claims.undertraining({0.5: curves(1.0)}, 50, 75_000)]  # fmt: skip
+def test_every_claim_quotes_the_paper(measured):
+    said = [claims.rate(measured), claims.bias(measured), claims.error_floor(measured), claims.plateau(),
+            claims.monotone(), claims.starts(), claims.undertraining({0.5: curves(1.0)}, 50, 75_000)]  # fmt: skip
     assert {claim.name for claim in said} == set(QUOTES)
     assert all(
         claim.quote and claim.place and claim.answer.endswith(".") and "nan" not in claim.answer for claim in said

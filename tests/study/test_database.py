@@ -69,17 +69,17 @@ def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "message"),
     [
         ({"name": "other"}, f"preset '{SMOKE.name}', expected 'other'"),
         ({"steps": 700}, rf"preset '{SMOKE.name}' \(steps = {SMOKE.steps}, now 700\)"),
     ],
 )
-def test_a_folder_of_another_name_or_other_settings_is_refused_and_left_alone(tmp_path, other, told):
+def test_a_folder_of_another_name_or_other_settings_is_refused_and_left_alone(tmp_path, other, message):
     with opened(tmp_path) as store:
         store.add(STEPS, [ITEM])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=told):
+    with pytest.raises(InvalidInput, match=message):
         opened(tmp_path, dataclasses.replace(SMOKE, **other))
     assert contents(tmp_path) == before
 
@@ -134,15 +134,15 @@ def test_a_database_that_another_program_locks_later_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("pragma", "told"),
+    ("pragma", "message"),
     [("query_only = ON", "attempt to write a readonly database"), ("max_page_count = {}", "database or disk is full")],
 )
-def test_a_database_that_becomes_read_only_or_a_full_disk_is_told_and_nothing_is_lost(tmp_path, pragma, told):
+def test_a_database_that_becomes_read_only_or_a_full_disk_is_told_and_nothing_is_lost(tmp_path, pragma, message):
     with opened(tmp_path) as store:
         store.add(STEPS, [ITEM])
         pages = store.db.execute("PRAGMA page_count").fetchone()[0]
         store.db.execute(f"PRAGMA {pragma.format(pages + 3)}")
-        with pytest.raises(OSError, match=rf"results.sqlite cannot be written \({told}\)"):
+        with pytest.raises(OSError, match=rf"results.sqlite cannot be written \({message}\)"):
             store.add(STEPS, [LARGE])
         assert store.all(STEPS) == [ITEM]
     with opened(tmp_path) as store:

@@ -38,8 +38,8 @@ def bench():
 
 def row(magnitude, size, percent):
     zero = {f.name: 0.0 for f in dataclasses.fields(LossRow)}
-    own = {"effect": magnitude.effect, "size": size, "unit": magnitude.unit, "aware": -400.0, "percent": percent}
-    return LossRow(**zero | own)
+    values = {"effect": magnitude.effect, "size": size, "unit": magnitude.unit, "aware": -400.0, "percent": percent}
+    return LossRow(**zero | values)
 
 
 def test_every_effect_of_the_catalogue_is_asked_for_but_these():
@@ -74,23 +74,23 @@ def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", MAGNITUDES)
 def test_knowing_does_not_hurt(bench, name):
-    found = bench.measure(MAGNITUDES[name], 0.75 * MAGNITUDES[name].largest)
-    error = 0.02 * abs(found.aware)  # the coarse table's own
-    assert found.loss > -error - 2.0 * found.sem
-    assert found.loss == pytest.approx(found.aware - found.ignorant)
+    cost = bench.measure(MAGNITUDES[name], 0.75 * MAGNITUDES[name].largest)
+    error = 0.02 * abs(cost.aware)  # the coarse table's own
+    assert cost.loss > -error - 2.0 * cost.sem
+    assert cost.loss == pytest.approx(cost.aware - cost.ignorant)
 
 
 @pytest.mark.parametrize("name", ["coulomb", "delay", "ripple", "backlash"])
 def test_an_effect_of_size_zero_costs_nothing(bench, name):
-    found = bench.measure(MAGNITUDES[name], 0.0)
-    assert (found.loss, found.sem) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert found.ignorant == pytest.approx(found.plain)
+    cost = bench.measure(MAGNITUDES[name], 0.0)
+    assert (cost.loss, cost.sem) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert cost.ignorant == pytest.approx(cost.plain)
 
 
 def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
-    found = bench.measure(MAGNITUDES["delay"], 0.2)
-    assert found.percent > 10.0
-    assert found.aware > found.plain - 0.1 * abs(found.plain)
+    cost = bench.measure(MAGNITUDES["delay"], 0.2)
+    assert cost.percent > 10.0
+    assert cost.aware > cost.plain - 0.1 * abs(cost.plain)
 
 
 def test_a_batch_of_policies_does_as_each_does_alone(bench):
@@ -98,8 +98,8 @@ def test_a_batch_of_policies_does_as_each_does_alone(bench):
     policies = (bench.ignorant[0], near_optimal(model, COARSE))
     assert PolicyBatch(policies).history == 2
     together = batch_returns(policies, model, theta, theta_dot)
-    for policy, own in zip(policies, together, strict=True):
-        np.testing.assert_allclose(own, evaluate(policy, model, theta, theta_dot).returns, rtol=1e-12)
+    for policy, returns in zip(policies, together, strict=True):
+        np.testing.assert_allclose(returns, evaluate(policy, model, theta, theta_dot).returns, rtol=1e-12)
 
 
 def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
@@ -177,7 +177,7 @@ def test_the_table_that_losses_are_measured_with_stands_for_agents_better_than_f
     assert [r["effect"] for r in rows] == list(MAGNITUDES)
     agents = np.array([float(r["agents"]) for r in rows])
     ratios = {n: np.array([float(r[f"table_{n}"]) for r in rows]) for n in (BLUNT.theta, 240, SHARP.theta)}
-    distance = {n: np.hypot.reduce(np.log(own / agents)) for n, own in ratios.items()}
+    distance = {n: np.hypot.reduce(np.log(ratio / agents)) for n, ratio in ratios.items()}
     assert distance[BLUNT.theta] < min(0.5 * distance[SHARP.theta], 0.7 * distance[240])
 
 

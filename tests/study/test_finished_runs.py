@@ -21,23 +21,23 @@ def write(path, *rows, header=HEADER):
 
 def test_our_own_table_reads_back(answer, tmp_path):
     write_rows(tmp_path / "runs.csv", *run_table(answer.runs))
-    found = read_runs(tmp_path / "runs.csv")
-    assert found.points == ("main",)
-    assert found.budgets("main") == answer.point.budgets
+    runs = read_runs(tmp_path / "runs.csv")
+    assert runs.points == ("main",)
+    assert runs.budgets("main") == answer.point.budgets
     for key in answer.cells:
-        assert found.returns(Spot("main", *key)) == pytest.approx(answer.returns(key))
-    assert found.id_errors("main", 5).mean() == pytest.approx(answer.id_error(5))
-    assert found.summary(Spot("main", 0, 0.5), fresh=True).mean != found.summary(Spot("main", 0, 0.5)).mean
+        assert runs.returns(Spot("main", *key)) == pytest.approx(answer.returns(key))
+    assert runs.id_errors("main", 5).mean() == pytest.approx(answer.id_error(5))
+    assert runs.summary(Spot("main", 0, 0.5), fresh=True).mean != runs.summary(Spot("main", 0, 0.5)).mean
 
 
 def test_the_authors_files_are_told_apart_by_their_names_and_missing_ones_are_named(tmp_path):
     row = "0,0.5,3,1.1,-700,1.0,1.0"
     write(tmp_path / "summary.csv", row)
     write(tmp_path / "exp_priorDR.csv", row)
-    found = read_published(tmp_path)
-    assert set(found.table) == {Spot("main", 0, 0.5), Spot("prior_range", 0, 0.5)}
-    assert set(found.missing) == {p.file for p in POINTS.values()} - {"summary.csv", "exp_priorDR.csv"}
-    assert math.isnan(found.table[Spot("main", 0, 0.5)][3].fresh_mean)
+    published = read_published(tmp_path)
+    assert set(published.table) == {Spot("main", 0, 0.5), Spot("prior_range", 0, 0.5)}
+    assert set(published.missing) == {p.file for p in POINTS.values()} - {"summary.csv", "exp_priorDR.csv"}
+    assert math.isnan(published.table[Spot("main", 0, 0.5)][3].fresh_mean)
 
 
 def test_only_seeds_that_all_cells_have_are_shared():
@@ -55,7 +55,7 @@ def test_merging_adds_cells_and_replaces_none():
 
 
 @pytest.mark.parametrize(
-    ("rows", "header", "told"),
+    ("rows", "header", "message"),
     [
         ((), "n,w,seed", "no column 'id_error'"),
         (("0,0.5,x,1.1,-700,1.0,1.0",), HEADER, "line 2"),
@@ -65,8 +65,8 @@ def test_merging_adds_cells_and_replaces_none():
         (("0,0.5,1,1.1,-700,1,1", "0,0.5,1,1.1,-700,1,1"), HEADER, "seed 1 comes twice"),
     ],
 )
-def test_files_that_are_no_runs_are_refused_by_name(rows, header, told, tmp_path):
-    with pytest.raises(InvalidInput, match=told) as error:
+def test_files_that_are_no_runs_are_refused_by_name(rows, header, message, tmp_path):
+    with pytest.raises(InvalidInput, match=message) as error:
         read_runs(write(tmp_path / "runs.csv", *rows, header=header))
     assert "runs.csv" in str(error.value)
 

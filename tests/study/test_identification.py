@@ -40,8 +40,8 @@ def test_a_task_estimates_every_budget_of_its_seed():
     class Silent:
         progress = staticmethod(shares.append)
 
-    found = identification_task(point, 7).run(Silent())
-    assert [e[:4] for e in found] == [("other", n, 7, identify(point, n, 7)) for n in (0, 1, 2)]
+    estimates = identification_task(point, 7).run(Silent())
+    assert [e[:4] for e in estimates] == [("other", n, 7, identify(point, n, 7)) for n in (0, 1, 2)]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

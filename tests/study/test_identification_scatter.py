@@ -29,8 +29,8 @@ def test_a_budget_is_a_prefix_of_a_larger_one():
 
 def test_without_noise_the_nearest_cells_are_found():
     moved, _ = noise_free_rollouts((2.01, 1.515), 5, np.random.default_rng(1))
-    found = OneStepGrid().search(moved, [5 * LENGTH])
-    assert found[0] == pytest.approx([2.01, 1.515])
+    estimates = OneStepGrid().search(moved, [5 * LENGTH])
+    assert estimates[0] == pytest.approx([2.01, 1.515])
 
 
 def test_clean_inputs_leave_the_noise_of_a_step_as_large_as_it_was():
@@ -43,15 +43,15 @@ def test_clean_inputs_leave_the_noise_of_a_step_as_large_as_it_was():
 
 
 def test_where_the_box_is_far_away_the_error_falls_as_one_over_the_root_of_n():
-    found = scatter(np.random.default_rng(3), seeds=60, budgets=(5, 10, 25, 50), sigmas=(0.1,))
-    p, low, high = found.exponent(0.1, 5, 50, np.random.default_rng(0))
+    measured = scatter(np.random.default_rng(3), seeds=60, budgets=(5, 10, 25, 50), sigmas=(0.1,))
+    p, low, high = measured.exponent(0.1, 5, 50, np.random.default_rng(0))
     assert low < -0.43
     assert high > -0.5
     assert low < p < high
-    assert found.at_bound(0.1, 50) == 0.0
+    assert measured.at_bound(0.1, 50) == 0.0
 
 
 def test_at_the_papers_noise_it_does_not():
-    found = scatter(np.random.default_rng(4), seeds=60, budgets=(5, 10, 25, 50), sigmas=(1.0,))
-    assert found.exponent(1.0, 5, 50, np.random.default_rng(0))[1] > -0.4
-    assert found.at_bound(1.0, 5) > 0.2
+    measured = scatter(np.random.default_rng(4), seeds=60, budgets=(5, 10, 25, 50), sigmas=(1.0,))
+    assert measured.exponent(1.0, 5, 50, np.random.default_rng(0))[1] > -0.4
+    assert measured.at_bound(1.0, 5) > 0.2

@@ -30,7 +30,7 @@ def test_no_modules_import_each_other_in_a_circle(package):
 
 def test_the_experiments_on_hidden_plants_stand_without_the_papers_sweep():
     for room in ("trials", "mismatch", "strategies"):
-        found = {name for path in (ROOT / "study" / room).rglob("*.py") for name in imported(path)}
-        assert {name for name in found if name.startswith("study.paper.")} <= {
+        imports = {name for path in (ROOT / "study" / room).rglob("*.py") for name in imported(path)}
+        assert {name for name in imports if name.startswith("study.paper.")} <= {
             f"study.paper.protocol.{name}" for name in ("paper_model", "BOUNDS")
         }

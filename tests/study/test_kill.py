@@ -56,19 +56,19 @@ class Study:
             time.sleep(0.005)
 
     def checkpoints(self):
-        found = set()
+        files = set()
         for path in self.folder.glob("*.checkpoint"):
             with contextlib.suppress(FileNotFoundError):
-                found.add((path.name, path.stat().st_mtime_ns))
-        return found
+                files.add((path.name, path.stat().st_mtime_ns))
+        return files
 
     def workers(self):
         """Process ids of its workers."""
-        found = []
+        pids = []
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):
             children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-            found = [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-        return found
+            pids = [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        return pids
 
     def strike(self, victim, rng):
         """Kill the victim: a worker, the driver, or everything. Where there is no worker, the driver."""

@@ -35,7 +35,7 @@ def test_help_answers_within_half_a_second():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "texts"),
     [
         (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-small"]),
         (["--preset", "strategies", "--strategies", "point,guess"], ["unknown strategy 'guess'", "prior, prior_range"]),
@@ -52,11 +52,11 @@ def test_help_answers_within_half_a_second():
         (["--out", "tests/study"], []),
     ],
 )
-def test_bad_input_ends_with_a_sentence_and_code_2(arguments, told, tmp_path, capsys, monkeypatch):
+def test_bad_input_ends_with_a_sentence_and_code_2(arguments, texts, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     if "tests/study" in arguments:
         (tmp_path / "report.html").write_text("mine")
-        arguments, told = ["--out", str(tmp_path)], ["report.html", "choose another --out"]
+        arguments, texts = ["--out", str(tmp_path)], ["report.html", "choose another --out"]
     before = sorted(tmp_path.iterdir())
     try:
         code = main(arguments)
@@ -64,7 +64,7 @@ def test_bad_input_ends_with_a_sentence_and_code_2(arguments, told, tmp_path, ca
         code = ended.code
     assert code == 2
     said = " ".join(re.sub(r"[│╭╮╰╯─]", " ", "".join(capsys.readouterr())).split())
-    for text in told:
+    for text in texts:
         assert text in said
     assert sorted(tmp_path.iterdir()) == before
 

@@ -53,8 +53,8 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
 @pytest.mark.parametrize("seed", [2000, 2015])
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
-    found = Budget(measured_rollouts(DELAY_LARGE, seed, 50)[:10], ENCODER, seed).diagnosis
-    assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
+    diagnosis = Budget(measured_rollouts(DELAY_LARGE, seed, 50)[:10], ENCODER, seed).diagnosis
+    assert (diagnosis.verdict, steps_of(diagnosis)) == ("missing", ("delay",))
 
 
 def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(budget):
@@ -92,9 +92,9 @@ def test_a_plant_that_sticks_moves_as_in_finer_steps(plant):
     """Under random torques, far below what any sensor reads."""
     rng = np.random.default_rng(0)
     u, starts = rng.uniform(-2.0, 2.0, (20, 200)), task.draw_start_states([rng] * 20)
-    own, finer = (simulate(hidden_machine(plant.hidden_effect, n), u, *starts) for n in (SUBSTEPS, 4 * SUBSTEPS))
-    np.testing.assert_allclose(own.theta, finer.theta, atol=1e-5)
-    np.testing.assert_allclose(own.theta_dot, finer.theta_dot, atol=1e-4)
+    default, finer = (simulate(hidden_machine(plant.hidden_effect, n), u, *starts) for n in (SUBSTEPS, 4 * SUBSTEPS))
+    np.testing.assert_allclose(default.theta, finer.theta, atol=1e-5)
+    np.testing.assert_allclose(default.theta_dot, finer.theta_dot, atol=1e-4)
 
 
 def test_a_smaller_budget_is_the_first_rollouts_of_a_larger_one():
@@ -110,20 +110,20 @@ def test_what_was_measured_cannot_be_asked_for_other_torques():
 
 def test_a_case_is_one_round_and_a_strategy_that_measures_shares_its_fits():
     answers = [
-        step(SMOKE, Case("magnet", "encoder", own, n, 1000), {}.get)
-        for own, n in (("fitted", 2), ("band", 2), ("prior", 0))
+        step(SMOKE, Case("magnet", "encoder", strategy, n, 1000), {}.get)
+        for strategy, n in (("fitted", 2), ("band", 2), ("prior", 0))
     ]
-    fitted, band, prior = (own["setups"][own["answer"]["deployed"]] for own in answers)
+    fitted, band, prior = (payload["setups"][payload["answer"]["deployed"]] for payload in answers)
     assert fitted["model"] == band["model"] != prior["model"]
-    assert [own["answer"]["rollouts"] for own in answers] == [2, 2, 0]
-    assert all(own["answer"]["simulated"] == SMOKE.steps for own in answers)
+    assert [payload["answer"]["rollouts"] for payload in answers] == [2, 2, 0]
+    assert all(payload["answer"]["simulated"] == SMOKE.steps for payload in answers)
 
 
 def test_structures_train_together_and_no_agent_twice():
     late = oracle(DELAY_LARGE)
     setups = [TrainingSetup(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * k})) for k in range(6)]
     setups += [TrainingSetup(oracle(ALL_PLANTS[0]), Band({"m": 2.0, "l": 1.5}, w)) for w in (0.0, 0.3)]
-    agents = [AgentToTrain(own.key, own.to_json(), 1) for own in setups]
+    agents = [AgentToTrain(setup.key, setup.to_json(), 1) for setup in setups]
     groups = populations(SMOKE, agents)
     assert [agent for group in groups for agent in group] == agents
     for group in groups:
@@ -137,20 +137,20 @@ def test_the_plan_is_balanced_and_its_seeds_are_matched():
         seeds = {}
         for case in plan.cases:
             seeds.setdefault(case.condition, []).append(case.seed)
-        for condition, own in seeds.items():
-            assert tuple(own) == plan.seeds_of(condition.strategy)
+        for condition, used in seeds.items():
+            assert tuple(used) == plan.seeds_of(condition.strategy)
     assert Case("plain", "encoder", "mended", 50, 3019) in MISMATCH_PLANS["mismatch"].cases
     assert len(MISMATCH_PLANS["mismatch"].cases) == 1740
 
 
 def test_the_experiments_seeds_are_used_for_nothing_else():
     """But by its second asking, with agents of another algorithm on the same rollouts."""
-    own, asked_again = MISMATCH_PLANS["mismatch"], MISMATCH_PLANS["mismatch-shac"]
-    assert set(asked_again.seeds) <= set(own.seeds) and set(asked_again.plants) < set(own.plants)
-    others = [plan for plan in MISMATCH_PLANS.values() if plan not in (own, asked_again)]
-    own = set(own.seeds)
-    assert own.isdisjoint(s for plan in others for s in plan.seeds)
-    assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(
+    first, asked_again = MISMATCH_PLANS["mismatch"], MISMATCH_PLANS["mismatch-shac"]
+    assert set(asked_again.seeds) <= set(first.seeds) and set(asked_again.plants) < set(first.plants)
+    others = [plan for plan in MISMATCH_PLANS.values() if plan not in (first, asked_again)]
+    own_seeds = set(first.seeds)
+    assert own_seeds.isdisjoint(s for plan in others for s in plan.seeds)
+    assert own_seeds.isdisjoint(range(FIRST, FIRST + MOST)) and own_seeds.isdisjoint(
         s for p in PAPER_PRESETS.values() for s in p.seeds
     )
 

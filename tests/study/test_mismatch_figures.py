@@ -44,8 +44,8 @@ def invented(plan):
     compared = tuple(
         replace(row, contrast=paired_t(pair[0] + np.linspace(-1.0, 1.0, len(pair[0])), pair[1]), p=0.001)
         for row in planned_contrasts(plan, outcomes)
-        for pair in [[outcomes[plan.condition(plan.plant(row.plant), "encoder", own, row.n)].returns
-                      for own in (row.a, row.b)]]
+        for pair in [[outcomes[plan.condition(plan.plant(row.plant), "encoder", strategy, row.n)].returns
+                      for strategy in (row.a, row.b)]]
     )  # fmt: skip
     verdicts = {
         (p.name, n): Counter({Verdict("missing", ("delay",)): 12, Verdict("unknown"): 3})
@@ -99,21 +99,21 @@ def test_titles_do_not_run_into_the_next_panel(answer, figure):
     row = [axes for axes in figure.axes if axes.get_title(loc="left")]
     texts = [[axes._left_title, *axes.texts] for axes in row]
     assert len(row) == len(answer.plan.plants)
-    for own, following in itertools.pairwise(zip(texts, row, strict=True)):
-        end = max(text.get_window_extent(renderer).x1 for text in own[0])
+    for panel, following in itertools.pairwise(zip(texts, row, strict=True)):
+        end = max(text.get_window_extent(renderer).x1 for text in panel[0])
         assert end < following[1].get_window_extent(renderer).x0
 
 
 @pytest.fixture(scope="module")
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
-    found = invented(MISMATCH_PLANS["mismatch"])
+    findings = invented(MISMATCH_PLANS["mismatch"])
     figures = {"returns": save_figure(lambda: Figure(figsize=(1.0, 1.0)), folder / "a.png")}
-    told = replace(
-        mismatch_account(found),
+    account = replace(
+        mismatch_account(findings),
         sections=[AnswerSection([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
-    return told.page({name: (path, CAPTION) for name, path in figures.items()})
+    return account.page({name: (path, CAPTION) for name, path in figures.items()})
 
 
 def test_the_page_says_the_answer_first_and_escapes_it(html):
@@ -122,11 +122,11 @@ def test_the_page_says_the_answer_first_and_escapes_it(html):
 
 
 def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
-    found = invented(MISMATCH_PLANS["mismatch"])
-    for row in found.compared:
+    findings = invented(MISMATCH_PLANS["mismatch"])
+    for row in findings.compared:
         assert str(row.contrast).replace(" ", "\u00a0") in html
-    for condition, outcome in found.outcomes.items():
+    for condition, outcome in findings.outcomes.items():
         assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, condition
     assert "missing: delay (12), unknown (3)" in html
-    assert all(plant.title[1:] in html for plant in found.plan.plants)
+    assert all(plant.title[1:] in html for plant in findings.plan.plants)
     assert ">nan" not in html

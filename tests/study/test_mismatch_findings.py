@@ -49,7 +49,7 @@ def invented():
         answer = {"deployed": key, "best": None, "observed": None, "rollouts": case.n, "simulated": 7}
         rounds.append(CaseRound(case, 0, {"setups": {key: setup.to_json()}, "learn": None, "answer": answer}, 1.0))
         reached = RETURNS[case.strategy] + np.random.default_rng(seed).normal(0.0, 5.0)
-        trained.append(Trained(key, {own.name: (reached,) * 2 for own in PLAN.plants}, {}, 10.0))
+        trained.append(Trained(key, {hidden.name: (reached,) * 2 for hidden in PLAN.plants}, {}, 10.0))
         if case.strategy in PLAN.centers:
             designs.append(Designed(plant.name, setup.model_key, seed, (-450.0 - seed,) * 2, 1.0))
     for plant in PLAN.plants:
@@ -60,13 +60,13 @@ def invented():
 
 
 @pytest.fixture(scope="module")
-def found():
+def findings():
     return mismatch_findings(PLAN, TrialResults(*invented()))
 
 
-def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
-    for condition, outcome in found.outcomes.items():
-        split = found.splits[condition]
+def test_the_parts_of_a_gap_add_up_seed_by_seed(findings):
+    for condition, outcome in findings.outcomes.items():
+        split = findings.splits[condition]
         assert split is not None and split.tables == len(PLAN.seeds)
         assert split.structure + split.identification + split.training == pytest.approx(outcome.gap)
         if condition.strategy == "oracle":
@@ -77,37 +77,37 @@ def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
             assert split.identification == pytest.approx(100.0 if knows else 20.0)
 
 
-def returns(found, plant, strategy, n):
-    return found.outcomes[found.condition(plant, strategy, n)].returns
+def returns(findings, plant, strategy, n):
+    return findings.outcomes[findings.condition(plant, strategy, n)].returns
 
 
-def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
+def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(findings):
     planned = [(a, b) for a, b in CONTRASTS if a in PLAN.strategies and b in PLAN.strategies]
-    assert [(c.a, c.b) for c in found.compared] == planned * len(PLAN.plants)
+    assert [(c.a, c.b) for c in findings.compared] == planned * len(PLAN.plants)
     raw = []
-    for c in found.compared:
-        one, other = (returns(found, c.plant, strategy, c.n) for strategy in (c.a, c.b))
+    for c in findings.compared:
+        one, other = (returns(findings, c.plant, strategy, c.n) for strategy in (c.a, c.b))
         raw.append(paired_t(one, other))
         assert (c.contrast.mean, c.contrast.low, c.contrast.high) == (raw[-1].mean, raw[-1].low, raw[-1].high)
     least = int(np.argmin([contrast.p for contrast in raw]))
-    assert found.compared[least].p == pytest.approx(min(1.0, len(raw) * raw[least].p))
-    assert all(c.p >= contrast.p for c, contrast in zip(found.compared, raw, strict=True))
+    assert findings.compared[least].p == pytest.approx(min(1.0, len(raw) * raw[least].p))
+    assert all(c.p >= contrast.p for c, contrast in zip(findings.compared, raw, strict=True))
 
 
-def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
-    rows = [c for c in found.compared if (c.a, c.b) == ("band", "fitted")]
-    every = np.array([[returns(found, c.plant, own, c.n) for c in rows] for own in ("band", "fitted")])
-    together = found.together(rows)
+def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(findings):
+    rows = [c for c in findings.compared if (c.a, c.b) == ("band", "fitted")]
+    every = np.array([[returns(findings, c.plant, strategy, c.n) for c in rows] for strategy in ("band", "fitted")])
+    together = findings.together(rows)
     assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
     assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
     assert together == paired_t(*every.mean(axis=1))
     assert together.high - together.low <= max(c.contrast.high - c.contrast.low for c in rows)
 
 
-def test_verdicts_are_counted_and_said(found):
-    assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
-    assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
-    said = dict(mismatch_sentences(found))
+def test_verdicts_are_counted_and_said(findings):
+    assert findings.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
+    assert findings.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
+    said = dict(mismatch_sentences(findings))
     assert "1 of 1 are better and 0 worse" in said["What is it worth to name the effect?"]
     assert "unknown" in str(said) and len(said) == 4
     assert (

@@ -72,21 +72,21 @@ def test_what_allows_no_fit_is_a_row_that_is_not_right():
         def diagnosis(self):
             raise InvalidInput("too short")
 
-    found = measure(DELAY_LARGE, 1, FIRST, Refusing())
-    assert (found.verdict, found.right, math.isnan(found.error_fitted)) == (naming.REFUSED, False, True)
+    result = measure(DELAY_LARGE, 1, FIRST, Refusing())
+    assert (result.verdict, result.right, math.isnan(result.error_fitted)) == (naming.REFUSED, False, True)
 
 
 @pytest.mark.long
 def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
     plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(0, 2))
-    found = {}
+    results = {}
     for task in tasks(plan, (), (2,), 1):
-        (found[task.arguments[1]],) = task.run(Inline())
-    assert found["delay_large"].right
-    assert found["delay_large"].steps[0].startswith("delay")
-    assert found["delay_large"].error_mended < 0.3 * found["delay_large"].error_fitted
-    assert found["plain"].verdict == "adequate"
-    assert found["plain"].error_mended == found["plain"].error_fitted < 0.05
+        (results[task.arguments[1]],) = task.run(Inline())
+    assert results["delay_large"].right
+    assert results["delay_large"].steps[0].startswith("delay")
+    assert results["delay_large"].error_mended < 0.3 * results["delay_large"].error_fitted
+    assert results["plain"].verdict == "adequate"
+    assert results["plain"].error_mended == results["plain"].error_fitted < 0.05
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
@@ -114,9 +114,9 @@ def tasks(plan, known, budgets, seeds):
 
 
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
-    told = naming_table([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
-    assert "of 1 to 2 seeds" in told.title
-    assert {column.header: list(column.cells) for column in told.columns} == {
+    table = naming_table([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
+    assert "of 1 to 2 seeds" in table.title
+    assert {column.header: list(column.cells) for column in table.columns} == {
         "hidden plant": ["Nothing missing", "Delay 0.155 s"],
         "n = 5": ["", "50 [9, 91]\n(10, 5)"],
         "n = 20": ["100 [21, 100]\n(2, 1)", "100 [21, 100]\n(10, 5)"],

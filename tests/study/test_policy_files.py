@@ -20,13 +20,13 @@ def test_policies_command_the_same_after_reading(tmp_path, names, history):
     policies = [random_policy(history, seed=seed) for seed in (0, 1)]
     for name, policy in zip(names, policies, strict=True):
         write_policy(tmp_path, name, policy)
-    found = [read_policy(tmp_path, name) for name in names]
+    read_back = [read_policy(tmp_path, name) for name in names]
     state = paper_model().initial_state(np.linspace(-3.0, 3.0, 9), np.linspace(-8.0, 8.0, 9))
     past = np.random.default_rng(2).uniform(-2.0, 2.0, (9, history))
-    for before, after in zip(policies, found, strict=True):
+    for before, after in zip(policies, read_back, strict=True):
         assert after.history == history
         assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
-    assert not np.array_equal(*(own(state, 0.0, past) for own in policies))
+    assert not np.array_equal(*(network(state, 0.0, past) for network in policies))
 
 
 def test_a_file_that_would_run_code_or_is_none_is_refused(tmp_path):

@@ -16,8 +16,8 @@ def test_paper_and_robustness_are_the_published_cells_and_plants(size):
     assert cells == {spot: cell.seeds for spot, cell in CELLS.items()}
     truths, sigmas = {"small_gap": (1.5, 1.2), "large_gap": (2.5, 2.0)}, {"low_noise": 0.5, "high_noise": 2.0}
     for point in (point for preset in presets for point in preset.points):
-        found = point.truth, point.prior, point.sigma
-        assert found == (truths.get(point.name, (2.0, 1.5)), (1.0, 1.0), sigmas.get(point.name, 1.0))
+        conditions = point.truth, point.prior, point.sigma
+        assert conditions == (truths.get(point.name, (2.0, 1.5)), (1.0, 1.0), sigmas.get(point.name, 1.0))
     assert presets[1].companion == presets[0].name
 
 

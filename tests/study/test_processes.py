@@ -26,7 +26,7 @@ def test_every_task_is_done_once_whatever_the_number_of_workers(tmp_path, worker
     assert sorted(name for name, kind, _ in said if kind == "done") == [task.name for task in tasks]
     for task in tasks:
         assert task.attempts() == [0]
-        assert [own[:2] for own in said].count((task.name, "saved")) == 4
+        assert [event[:2] for event in said].count((task.name, "saved")) == 4
 
 
 def test_progress_is_told_once_a_second_at_most(tmp_path):
@@ -73,8 +73,8 @@ def test_a_worker_that_dies_goes_on_from_its_checkpoint_by_itself(tmp_path, kind
 
 def test_a_task_that_gets_nowhere_ends_the_study_after_the_others_saved(tmp_path):
     slow = Counting("slow", tmp_path, **SAVES_WHEN_ASKED)
-    told = r"^mortal failed: its worker died 3 times without a new checkpoint; .* SIGKILL .*$"
-    with pytest.raises(WorkerFailed, match=told):
+    message = r"^mortal failed: its worker died 3 times without a new checkpoint; .* SIGKILL .*$"
+    with pytest.raises(WorkerFailed, match=message):
         run(Processes(2), slow, Counting("mortal", tmp_path, deaths=(1,) * 9))
     assert Counting("mortal", tmp_path).attempts() == [0, 1, 1]
     assert 0 < int(slow.checkpoint.read_text()) < slow.end

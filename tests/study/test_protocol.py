@@ -34,7 +34,7 @@ FACTS = {
 }
 
 
-def found(n, seed, m=2.0, l=1.5, sigma=1.0):  # noqa: E741
+def estimate(n, seed, m=2.0, l=1.5, sigma=1.0):  # noqa: E741
     rollouts = paper_rollouts(paper_model(m, l), n, np.random.default_rng(seed), sigma)
     values = GridSearch().fit(paper_model(), transitions(rollouts)).values
     return values["m"], values["l"]
@@ -42,7 +42,7 @@ def found(n, seed, m=2.0, l=1.5, sigma=1.0):  # noqa: E741
 
 @pytest.mark.parametrize(("run", "published"), FACTS.items())
 def test_ten_published_estimates(run, published):
-    assert found(*run) == pytest.approx(published, abs=1e-9)
+    assert estimate(*run) == pytest.approx(published, abs=1e-9)
 
 
 @pytest.mark.long
@@ -57,7 +57,7 @@ def test_every_published_estimate(name):
         }
     assert len(rows) >= 10
     for run, published in rows.items():
-        assert found(*run, *RUNS[name]) == pytest.approx(published, abs=1e-9), run
+        assert estimate(*run, *RUNS[name]) == pytest.approx(published, abs=1e-9), run
 
 
 def test_the_papers_rollouts_draw_in_the_published_order():

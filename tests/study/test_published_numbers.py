@@ -22,9 +22,11 @@ def runs():
 def test_every_cell_is_the_mean_error_and_median_of_the_runs(runs):
     assert set(CELLS) == set(runs.table)
     for spot, cell in CELLS.items():
-        found = runs.summary(spot)
-        assert (cell.mean, cell.sem, cell.median) == pytest.approx((found.mean, found.sem, found.median), abs=0.051)
-        assert cell.seeds == found.seeds
+        summary = runs.summary(spot)
+        assert (cell.mean, cell.sem, cell.median) == pytest.approx(
+            (summary.mean, summary.sem, summary.median), abs=0.051
+        )
+        assert cell.seeds == summary.seeds
 
 
 def test_what_the_text_prints_is_that_mean_rounded():
@@ -37,12 +39,12 @@ def test_what_the_text_prints_is_that_mean_rounded():
 @pytest.mark.parametrize("c", DIFFERENCES, ids=lambda c: c.label)
 def test_every_contrast_follows_from_the_runs(runs, c):
     a, b = runs.returns(c.a), runs.returns(c.b)
-    found = paired_bootstrap(a, b, np.random.default_rng(0))
-    assert found.mean == pytest.approx(c.mean, abs=0.6)
-    assert (found.low, found.high) == pytest.approx((c.low, c.high), abs=1.5 if c.printed else 0.51)
+    contrast = paired_bootstrap(a, b, np.random.default_rng(0))
+    assert contrast.mean == pytest.approx(c.mean, abs=0.6)
+    assert (contrast.low, contrast.high) == pytest.approx((c.low, c.high), abs=1.5 if c.printed else 0.51)
     assert sem(a - b) == pytest.approx(c.error, abs=0.051)
-    assert found.significant == c.significant
-    assert found.seeds == c.seeds
+    assert contrast.significant == c.significant
+    assert contrast.seeds == c.seeds
 
 
 def test_identification_errors_are_those_of_the_runs(runs):

@@ -65,9 +65,9 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
     assert any("--preset longer-small" in note for note in alone.notes)
     rows = [Run(Cell(*spot, 0), (1.0, 1.0), 0.1, CELLS[spot].mean) for spot in CELLS if spot.point == "small_gap"]
     longer = [Run(Cell("main", 50, 0.5, s), (2.0, 1.5), 0.1, -300.0) for s in range(3)]
-    for name, own in (("robustness-small", rows), ("longer-small", longer)):
+    for name, runs in (("robustness-small", rows), ("longer-small", longer)):
         (tmp_path / name).mkdir()
-        write_rows(tmp_path / name / "runs.csv", *run_table(own))
+        write_rows(tmp_path / name / "runs.csv", *run_table(runs))
     reproduction = reproduce([paper], tmp_path / "paper-small")
     assert not any("not beside these" in note for note in reproduction.notes)
     assert [row.best is not None for row in reproduction.agreement.robustness] == [True, True, False, False, False]

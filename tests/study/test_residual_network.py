@@ -56,15 +56,15 @@ def test_a_filter_runs_over_several_records_at_once():
     """It has no strategy of its own to do so: an effect of a user's has none, either."""
     u = np.random.default_rng(6).uniform(-2.0, 2.0, (3, 20))
     model = replace(TRUE, effects=(CommandFilter(taps=np.array([0.2, 0.5, 0.3])),))
-    np.testing.assert_allclose(model.drive_record(u), [list(model.drives(own.tolist())) for own in u], atol=1e-12)
+    np.testing.assert_allclose(model.drive_record(u), [list(model.drives(row.tolist())) for row in u], atol=1e-12)
 
 
 def test_stacked_pendulums_move_as_each_alone():
-    own = [some_effects(seed) for seed in (1, 2, 3)]
-    together = replace(TRUE, effects=stacked(own))
+    effect_sets = [some_effects(seed) for seed in (1, 2, 3)]
+    together = replace(TRUE, effects=stacked(effect_sets))
     theta, theta_dot = torch.tensor([0.1, -2.0, 3.0]).double(), torch.tensor([0.5, -0.2, 0.0]).double()
     state = together.initial_state(theta, theta_dot)
-    models = [replace(TRUE, effects=effects) for effects in own]
+    models = [replace(TRUE, effects=effects) for effects in effect_sets]
     alone = [m.initial_state(float(a), float(b)) for m, a, b in zip(models, theta, theta_dot, strict=True)]
     for u in (1.5, -2.0, 0.3, 1.0):
         state = together.advance(state, torch.full((3,), u, dtype=torch.float64))

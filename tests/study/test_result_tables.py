@@ -45,41 +45,41 @@ def changed(row, **fields):
 
 @pytest.fixture(params=ROWS)
 def table(request):
-    own, row, first = ROWS[request.param]
-    return own, row, changed(row, **first)
+    kind, row, first = ROWS[request.param]
+    return kind, row, changed(row, **first)
 
 
-def opened(folder, own):
-    if own in (STEPS, TRAININGS, DESIGNS):
+def opened(folder, kind):
+    if kind in (STEPS, TRAININGS, DESIGNS):
         return trial_results(folder, MISMATCH)
     return sweep_results(folder, SWEEP)
 
 
 def test_what_went_in_comes_out_again_sorted(table, tmp_path):
-    own, row, first = table
-    with opened(tmp_path, own) as results:
-        assert results.all(own) == []
-        results.add(own, [row, first])
-    with opened(tmp_path, own) as results:
-        assert results.all(own) == [first, row]
-        assert len(results.keys(own)) == 2
+    kind, row, first = table
+    with opened(tmp_path, kind) as results:
+        assert results.all(kind) == []
+        results.add(kind, [row, first])
+    with opened(tmp_path, kind) as results:
+        assert results.all(kind) == [first, row]
+        assert len(results.keys(kind)) == 2
 
 
 def test_a_second_answer_leaves_the_first_in_place(table, tmp_path):
     """A run that was taken up from elsewhere stays, though its population trains it too."""
-    own, row, first = table
-    with opened(tmp_path, own) as results:
-        results.add(own, [row])
-        results.add(own, [first, changed(row, seconds=0.25)])
-        assert results.all(own) == [first, row]
+    kind, row, first = table
+    with opened(tmp_path, kind) as results:
+        results.add(kind, [row])
+        results.add(kind, [first, changed(row, seconds=0.25)])
+        assert results.all(kind) == [first, row]
 
 
 def test_answers_are_kept_all_or_none(table, tmp_path):
-    own, row, first = table
-    with opened(tmp_path, own) as results:
+    kind, row, first = table
+    with opened(tmp_path, kind) as results:
         with pytest.raises(sqlite3.Error):
-            results.add(own, [row, changed(first, seconds=object())])
-        assert results.all(own) == []
+            results.add(kind, [row, changed(first, seconds=object())])
+        assert results.all(kind) == []
 
 
 @pytest.mark.parametrize("field", ["plant", "sensing", "strategy", "n", "seed"])

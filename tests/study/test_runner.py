@@ -80,10 +80,10 @@ def test_every_run_is_of_its_points_plant_and_estimate(finished):
         point = MANY.point(r.cell.point)
         assert r.theta_hat == identify(point, r.cell.n, r.cell.seed)
         assert r.id_error == pytest.approx(np.linalg.norm(np.subtract(r.theta_hat, point.truth)))
-        for found, starts in ((r.returns, start_states), (r.fresh_returns, fresh_start_states)):
+        for returns, starts in ((r.returns, start_states), (r.fresh_returns, fresh_start_states)):
             policy = read_policy(folder, r.cell)
             answer = evaluate(policy, paper_model(*point.truth), *starts(r.cell.seed, MANY.episodes))
-            assert found == tuple(answer.returns.tolist())
+            assert returns == tuple(answer.returns.tolist())
 
 
 def test_the_prior_range_is_trained_whatever_the_label_says(finished):
@@ -97,11 +97,11 @@ def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished
     designs = [task.arguments[1:3] for task in references(executor)]
     assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
     with sweep_results(folder, MANY) as store:
-        found = store.all(REFERENCES)
-    assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
+        stored = store.all(REFERENCES)
+    assert {(r.theta, r.truth) for r in stored if r.controller == "optimal"} >= {
         (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
     }
-    assert {r.seed for r in found} == {0, 1, 2}
+    assert {r.seed for r in stored} == {0, 1, 2}
 
 
 def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
@@ -173,8 +173,8 @@ def test_what_is_missing_is_trained_and_imported_runs_stay(finished, tmp_path):
     (tmp_path / "some.csv").write_text("\n".join([lines[0], *lines[5:]]) + "\n")
     executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv", publish=False)
     assert [task.index for task in trained(executor)] == [0, 1]
-    own = {r.cell for r in taken if not r.imported}
-    assert own == {cell for cell in MANY.cells if cell.point == "main"}
+    cells = {r.cell for r in taken if not r.imported}
+    assert cells == {cell for cell in MANY.cells if cell.point == "main"}
     means = {r.cell: r.mean for r in runs}
     assert {r.cell: r.mean for r in taken} == pytest.approx(means)
 
@@ -185,9 +185,9 @@ def test_a_published_table_of_one_point_needs_no_column_for_it(tmp_path):
         "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s\n"
         "0,0.0,3,1.118033988749895,-770.5,200.0,1.0,1.0,900.0\n"
     )
-    executor, (found,), _ = finish(tmp_path / "out", one, imported=tmp_path / "summary.csv")
+    executor, (taken,), _ = finish(tmp_path / "out", one, imported=tmp_path / "summary.csv")
     assert trained(executor) == []
-    assert (found.mean, found.std, found.seconds) == (-770.5, 200.0, 900.0)
+    assert (taken.mean, taken.std, taken.seconds) == (-770.5, 200.0, 900.0)
     assert table(tmp_path / "out")[0]["eval_return_fresh"] == ""
 
 
@@ -198,7 +198,7 @@ def changed(folder, path, **columns):
 
 
 @pytest.mark.parametrize(
-    ("columns", "told"),
+    ("columns", "message"),
     [
         ({"point": "nowhere"}, r"runs.csv: nowhere, n = 0, w = 0, seed 0 does not .* expected one of the points main,"),
         ({"n": "7"}, r"runs.csv: main, n = 7, .* expected n in \(0, 2\)"),
@@ -207,9 +207,9 @@ def changed(folder, path, **columns):
         ({"w": "0.5"}, r"main, n = 0, w = 0.5, seed 0 comes twice"),
     ],
 )
-def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, told):
+def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, message):
     changed(finished[0], tmp_path / "runs.csv", **columns)
     with sweep_results(tmp_path / "out", MANY) as store:
-        with pytest.raises(InvalidInput, match=told):
+        with pytest.raises(InvalidInput, match=message):
             run(Sweep(MANY, store, 1e9, tmp_path / "runs.csv"), Inline(), Console(file=io.StringIO()))
         assert store.keys(RUNS) == set()

@@ -19,10 +19,11 @@ def test_with_few_seeds_they_hold_it_less_often_and_that_is_said(seeds, expected
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "told"), [([], [], "same seeds"), ([1.0, 2.0], [1.0], "same seeds"), ([1.0, np.nan], [1.0, 2.0], "NaN")]
+    ("a", "b", "message"),
+    [([], [], "same seeds"), ([1.0, 2.0], [1.0], "same seeds"), ([1.0, np.nan], [1.0, 2.0], "NaN")],
 )
-def test_bad_input_is_refused(a, b, told):
-    with pytest.raises(InvalidInput, match=told):
+def test_bad_input_is_refused(a, b, message):
+    with pytest.raises(InvalidInput, match=message):
         paired_bootstrap(a, b, rng())
 
 
@@ -55,10 +56,10 @@ def vars_of(contrast):
 
 def test_welch_agrees_with_the_textbook():
     a, b = rng(11).normal(1.0, 1.0, 9), rng(12).normal(0.0, 4.0, 14)
-    found = welch((a.mean(), sem(a), 9), (b.mean(), sem(b), 14))
+    contrast = welch((a.mean(), sem(a), 9), (b.mean(), sem(b), 14))
     expected = scipy.stats.ttest_ind(a, b, equal_var=False)
     interval = expected.confidence_interval()
-    assert vars_of(found) == pytest.approx((interval.low, interval.high, expected.pvalue))
+    assert vars_of(contrast) == pytest.approx((interval.low, interval.high, expected.pvalue))
 
 
 def test_one_seed_decides_nothing():

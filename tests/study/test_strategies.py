@@ -44,11 +44,11 @@ def untrained(key):
     return None
 
 
-def talk(name, budget, found, seed=3, steps=60):
+def talk(name, budget, policy_of, seed=3, steps=60):
     strategy = strategy_called(name)
     plant = BudgetedPlant(ELSEWHERE, "encoder", budget, seed, steps=steps)
-    own = Situation(PRIOR, plant.sensor, budget, seed, np.random.default_rng(seed))
-    return advance(dataclasses.replace(strategy, **LIGHT.get(name, {})), own, plant, found, "elsewhere")
+    situation = Situation(PRIOR, plant.sensor, budget, seed, np.random.default_rng(seed))
+    return advance(dataclasses.replace(strategy, **LIGHT.get(name, {})), situation, plant, policy_of, "elsewhere")
 
 
 @pytest.mark.long
@@ -126,10 +126,10 @@ class Asks(Strategy):
         return self.requests[-1]
 
 
-def ask(*requests, found=still, budget=4):
+def ask(*requests, policy_of=still, budget=4):
     plant = BudgetedPlant(ELSEWHERE, "encoder", budget, 3, steps=40)
-    own = Situation(PRIOR, plant.sensor, budget, 3, np.random.default_rng(3))
-    return advance(Asks(*requests), own, plant, found, "elsewhere")
+    situation = Situation(PRIOR, plant.sensor, budget, 3, np.random.default_rng(3))
+    return advance(Asks(*requests), situation, plant, policy_of, "elsewhere")
 
 
 def test_what_is_no_request_or_no_answer_is_told_in_a_sentence():
@@ -143,19 +143,24 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
     from policies.environments.randomization import Fixed
 
     setup = TrainingSetup(PRIOR, Fixed())
-    plain, kept = (ask(Train((setup,)), setup, found=untrained), ask(Train((setup,), True), setup, found=untrained))
+    plain, kept = (
+        ask(Train((setup,)), setup, policy_of=untrained),
+        ask(Train((setup,), True), setup, policy_of=untrained),
+    )
     (one,), (other,) = plain.setups, kept.setups
     assert other == one + CRITICS
     learned = ask(Train((setup,), True), lambda a: Learn(3, a[0][0]), setup)
     assert learned.rollouts == 3 and learned.keys == (other,)
-    waiting = ask(Train((setup,), True), lambda a: Learn(3, a[0][0]), setup, found=lambda k: {other: still(k)}.get(k))
+    waiting = ask(
+        Train((setup,), True), lambda a: Learn(3, a[0][0]), setup, policy_of=lambda k: {other: still(k)}.get(k)
+    )
     assert waiting.learn[1:] == (other, 3)
     with pytest.raises(InvalidInput, match="refuses 1 rollouts"):
         ask(Learn(4), lambda a: Try(a[0]), setup)
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "message"),
     [
         (["guess"], "unknown strategy 'guess': expected one of prior, prior_range, point"),
         (["absent.py:Mine"], "no such file"),
@@ -163,8 +168,8 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
         (["point", "band", "point"], "strategy 'point' was given 2 times: expected each once"),
     ],
 )
-def test_a_strategy_that_is_unknown_or_named_twice_is_refused_in_a_sentence(names, told):
-    with pytest.raises(InvalidInput, match=told):
+def test_a_strategy_that_is_unknown_or_named_twice_is_refused_in_a_sentence(names, message):
+    with pytest.raises(InvalidInput, match=message):
         STRATEGIES_PLANS["strategies"].with_strategies(names)
 
 
@@ -187,15 +192,15 @@ def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():
     for plan in STRATEGIES_PLANS.values():
         assert len(set(plan.cases)) == len(plan.cases)
         for case in plan.cases:
-            own = strategy_called(case.strategy)
-            assert own.least <= case.n <= own.most
-            assert case.sensing in SENSORS and (case.sensing == "encoder" or not own.needs_angle)
+            strategy = strategy_called(case.strategy)
+            assert strategy.least <= case.n <= strategy.most
+            assert case.sensing in SENSORS and (case.sensing == "encoder" or not strategy.needs_angle)
         pairs = {case[:4]: 0 for case in plan.cases}
         assert set(plan.strategies) == {key[2] for key in pairs}
     assert (DELAY_MEDIUM, "speed") not in STRATEGIES_PLANS["strategies"].places
-    own = set(STRATEGIES_PLANS["strategies"].seeds)
+    seeds = set(STRATEGIES_PLANS["strategies"].seeds)
     others = [*MISMATCH_PLANS.values(), *(plan for name, plan in STRATEGIES_PLANS.items() if name != "strategies")]
-    assert own.isdisjoint(seed for plan in others for seed in plan.seeds)
+    assert seeds.isdisjoint(seed for plan in others for seed in plan.seeds)
 
 
 def test_a_users_strategy_is_held_against_the_baseline():
@@ -208,5 +213,5 @@ def test_a_users_strategy_is_held_against_the_baseline():
 
 def test_the_example_is_about_twenty_lines():
     source = (ROOT / "examples" / "own_strategy.py").read_text()
-    own = source[source.index("class TestedBand") : source.index("def main")]
-    assert len([line for line in own.splitlines() if line.strip()]) <= 24
+    class_source = source[source.index("class TestedBand") : source.index("def main")]
+    assert len([line for line in class_source.splitlines() if line.strip()]) <= 24

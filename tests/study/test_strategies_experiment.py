@@ -118,10 +118,10 @@ def test_finished_cases_of_other_folders_are_taken_up_and_the_rest_is_run(undist
     rest = Inline()
     attempt(tmp_path / "all", rest, imported=tmp_path / "part" / "cases.csv")
     assert cases(tmp_path / "all") == cases(folder)
-    told = json.loads((tmp_path / "all" / "study.json").read_text())
-    assert told["imported"] == len(part.cases) and "imported" not in json.loads((folder / "study.json").read_text())
-    trained = [{key for task in own if hasattr(task, "keys") for key in task.keys} for own in (tasks, rest.tasks)]
-    assert trained[1] < trained[0] and told["agents"] == len(trained[1])
+    summary = json.loads((tmp_path / "all" / "study.json").read_text())
+    assert summary["imported"] == len(part.cases) and "imported" not in json.loads((folder / "study.json").read_text())
+    trained = [{key for task in group if hasattr(task, "keys") for key in task.keys} for group in (tasks, rest.tasks)]
+    assert trained[1] < trained[0] and summary["agents"] == len(trained[1])
     attempt(tmp_path / "all", again := Inline(), imported=tmp_path / "part" / "cases.csv")
     assert not again.tasks
 
@@ -197,16 +197,16 @@ def test_what_is_found_is_what_was_put_in():
     returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
                ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
     plan, results = invented(returns)
-    found = trial_findings(plan, results)
+    findings = trial_findings(plan, results)
     # the budget from which on it stays: five rollouts were luck
-    assert found.arrived("plain", "encoder", "point") == 25
-    assert found.arrived("plain", "encoder", "cross_entropy") == 25
-    assert [c.contrast.mean for c in found.compared] == pytest.approx([-55.5, -10.0, -1.0])
-    outcome = found.line("plain", "encoder", "cross_entropy")[10]
+    assert findings.arrived("plain", "encoder", "point") == 25
+    assert findings.arrived("plain", "encoder", "cross_entropy") == 25
+    assert [c.contrast.mean for c in findings.compared] == pytest.approx([-55.5, -10.0, -1.0])
+    outcome = findings.line("plain", "encoder", "cross_entropy")[10]
     assert outcome.anew == pytest.approx(-140.0) and outcome.simulated[0] == 7
-    told = dict(strategies_sentences(found))
-    assert "SimOpt" not in str(told)
-    assert "3 contrasts" in told["Which strategy beats the point estimate?"]
+    sentences = dict(strategies_sentences(findings))
+    assert "SimOpt" not in str(sentences)
+    assert "3 contrasts" in sentences["Which strategy beats the point estimate?"]
 
 
 @pytest.mark.parametrize("worth", [-110.0, -900.0])
@@ -214,10 +214,10 @@ def test_what_is_found_is_what_was_put_in():
 def test_the_figure_has_room_for_all_that_is_in_it(tmp_path, worth, budgets):
     """Also where every mean is outside the panel; matplotlib warns where it gives up."""
     returns = {(s, n): worth for s in ("point", "cross_entropy") for n in budgets}
-    found = trial_findings(*invented(returns, budgets=budgets))
+    findings = trial_findings(*invented(returns, budgets=budgets))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert save_figure(lambda: returns_of_strategies(found), tmp_path / "figure.png").stat().st_size > 10_000
+        assert save_figure(lambda: returns_of_strategies(findings), tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_with_several_budgets_every_strategy_has_a_line_of_what_it_falls_short_by():
@@ -227,7 +227,7 @@ def test_with_several_budgets_every_strategy_has_a_line_of_what_it_falls_short_b
     assert [axes.get_ylabel().split("\n")[0] for axes in panels] == ["identified", "compared returns"]
     drawn = [{tuple(np.round(line.get_ydata(), 2)) for line in axes.lines} for axes in panels]
     point, near = (0.04, 0.02), (0.05, 0.05)
-    assert all({point, near} <= own for own in drawn)
+    assert all({point, near} <= points for points in drawn)
     assert {(0.6, 0.3), (0.4, 0.4)} <= drawn[1] - drawn[0]
     assert all(low > high for low, high in (axes.get_ylim() for axes in panels))  # the optimum is above
 
@@ -242,8 +242,8 @@ def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
     axes = figure.axes[0]
     rows = {label.get_text(): at for at, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)}
     drawn = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) == 1}
-    found = {row: {round(x, 2) for x, y in drawn if y == at} for row, at in rows.items()}
-    assert found == {"point estimate": {-104.25}, "cross-entropy": {-159.75, -140.0}}
+    marks = {row: {round(x, 2) for x, y in drawn if y == at} for row, at in rows.items()}
+    assert marks == {"point estimate": {-104.25}, "cross-entropy": {-159.75, -140.0}}
 
 
 @pytest.mark.parametrize(("name", "places"), [("kalman", 4), ("prior", 5), ("point", 5)])
@@ -256,6 +256,6 @@ def test_a_strategy_alone_is_told_of_where_it_can_be_run(name, places):
     steps = [CaseRound(case, 0, {"setups": {}, "learn": None, "answer": answer}, 0.0) for case, answer in cases.items()]
     trained = [Trained(str(case), {case.plant: (-100.0,)}, {}, 0.0) for case in cases]
     designs = [Designed(plant.name, OPTIMUM, seed, (-100.0,), 0.0) for plant, _ in plan.places for seed in plan.seeds]
-    found = trial_findings(plan, TrialResults(steps, trained, designs))
-    assert dict(strategies_sentences(found))["How many rollouts does it take?"].count("come") == places
-    assert len(returns_of_strategies(found).axes) >= places
+    findings = trial_findings(plan, TrialResults(steps, trained, designs))
+    assert dict(strategies_sentences(findings))["How many rollouts does it take?"].count("come") == places
+    assert len(returns_of_strategies(findings).axes) >= places

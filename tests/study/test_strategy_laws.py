@@ -30,7 +30,7 @@ def swing(state, t):
     return 2.0 * np.sign(state.theta_dot)
 
 
-def situation(budget=5, sensing="encoder", seed=1):
+def new_situation(budget=5, sensing="encoder", seed=1):
     return Situation(PRIOR, SENSORS[sensing], budget, seed, np.random.default_rng(seed))
 
 
@@ -61,25 +61,25 @@ def test_returns_that_are_all_the_same_move_nothing():
 
 def test_simopt_moves_to_the_parameters_of_the_plant():
     """Under one policy, from the distribution about the prior: three rounds, as a dialogue makes them."""
-    rng, own, strategy = np.random.default_rng(3), situation(), SimOpt()
+    rng, situation, strategy = np.random.default_rng(3), new_situation(), SimOpt()
     seen = rollout(swing, ELSEWHERE, rng.uniform(-3, 3, 4), rng.uniform(-1, 1, 4))
     rows = [a.T for a in (seen.u[:-1], seen.theta, seen.theta_dot)]
     tried = Tried([Record(0.05 * np.arange(200), *row) for row in zip(*rows, strict=True)], np.zeros(4))
-    mean, C = own.believed, 0.25 * np.eye(2)
+    mean, C = situation.believed, 0.25 * np.eye(2)
     before = np.linalg.norm(mean - [1.5, 1.2])
     for _ in range(9):
-        drawn = np.clip(own.rng.multivariate_normal(mean, C, 200), 0.3, 3.0)
-        off = strategy.discrepancy(own, TrainedAgent("", swing), tried, drawn)
+        drawn = np.clip(situation.rng.multivariate_normal(mean, C, 200), 0.3, 3.0)
+        off = strategy.discrepancy(situation, TrainedAgent("", swing), tried, drawn)
         mean, C = weighted_normal(drawn, reps_weights(-off, strategy.kl))
     assert np.linalg.norm(mean - [1.5, 1.2]) < 0.25 * before
-    assert own.simulated == 9 * 200 * 4 * 200
+    assert situation.simulated == 9 * 200 * 4 * 200
 
 
 def test_dropo_finds_the_truth_in_data_without_noise():
     pytest.importorskip("cma")
     from study.strategies.dropo import Dropo
 
-    mean, sd = Dropo().distribution(situation(), perfect(4, np.random.default_rng(5)))
+    mean, sd = Dropo().distribution(new_situation(), perfect(4, np.random.default_rng(5)))
     assert mean == pytest.approx([1.5, 1.2], rel=0.04)
     assert sd[1] < 0.02  # the mass shows in what a torque does alone, which is little
 
@@ -88,12 +88,12 @@ def test_dropo_widens_where_the_parameters_really_differ_from_rollout_to_rollout
     pytest.importorskip("cma")
     from study.strategies.dropo import Dropo
 
-    rng, own, n = np.random.default_rng(6), situation(), 12
+    rng, situation, n = np.random.default_rng(6), new_situation(), 12
     lengths = rng.normal(1.2, 0.15, n)
-    model = own.model(np.stack([np.full(n, 1.5), lengths], -1))
+    model = situation.model(np.stack([np.full(n, 1.5), lengths], -1))
     run = simulate(model, rng.uniform(-2, 2, (n, 200)), rng.uniform(-3, 3, n), rng.uniform(-1, 1, n))
     records = [Record(run.t, *row) for row in zip(run.u, run.theta, run.theta_dot, strict=True)]
-    mean, sd = Dropo().distribution(own, records)
+    mean, sd = Dropo().distribution(situation, records)
     assert mean[1] == pytest.approx(1.2, abs=0.1)
     assert 0.5 * np.std(lengths) < sd[1] < 2.0 * np.std(lengths)
 
@@ -149,9 +149,9 @@ def test_a_mixture_density_network_learns_a_posterior_that_is_known():
 def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
     widths = []
     for n in (1, 25):
-        own = situation(n)
+        situation = new_situation(n)
         records = BudgetedPlant(ELSEWHERE, "encoder", n, seed=8).play(Play(n))
-        drawn = BayesSim().posterior(own, records)
+        drawn = BayesSim().posterior(situation, records)
         assert np.all((drawn >= 0.3) & (drawn <= 3.0))
         off = np.abs(np.mean(drawn, axis=0) - [1.5, 1.2]) / np.std(drawn, axis=0)
         assert np.all(off < 3.0), (n, off)
@@ -164,12 +164,12 @@ def test_designed_torques_leave_narrower_intervals_than_random_ones():
     model, sensor = ELSEWHERE, SENSORS["encoder"]
     plant, rng = BudgetedPlant(model, "encoder", 40, seed=4), np.random.default_rng(1)
     rough = fit(PRIOR, plant.play(Play(1)), sensor, ("m", "l"))
-    own = Situation(PRIOR, sensor, 4, 4, rng)
-    torques = designed_torques(rough, own, 3, 10.0)
+    situation = Situation(PRIOR, sensor, 4, 4, rng)
+    torques = designed_torques(rough, situation, 3, 10.0)
     assert torques.shape == (3, 200) and np.max(np.abs(torques)) <= PRIOR.u_max
-    found = fit(PRIOR, plant.play(Play(3, torques, at_rest=True)), sensor, ("m", "l"))
+    designed = fit(PRIOR, plant.play(Play(3, torques, at_rest=True)), sensor, ("m", "l"))
     plain = fit(PRIOR, plant.play(Play(3, at_rest=True)), sensor, ("m", "l"))
-    assert all(found.sd[name] < plain.sd[name] for name in ("m", "l"))
+    assert all(designed.sd[name] < plain.sd[name] for name in ("m", "l"))
 
 
 def test_smoothed_states_are_as_far_off_as_their_covariance_says():
@@ -208,8 +208,8 @@ def test_the_steps_that_adaptation_is_taught_lead_to_the_target_from_everywhere(
 
 @pytest.mark.long
 def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen():
-    own, strategy = situation(), AdaptSim(levels=5, episodes=4)
-    adaptation = strategy.taught(own, whole=True)
+    situation, strategy = new_situation(), AdaptSim(levels=5, episodes=4)
+    adaptation = strategy.taught(situation, whole=True)
     rng, lost = np.random.default_rng(2), []
     for truth in ((1.5, 1.2), (2.0, 1.5), (2.5, 2.2), (1.2, 2.0)):
         target = paper_model(*truth)
@@ -218,12 +218,12 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
         def returned(values, target=target, starts=starts):
             return evaluate(solve(paper_model(*values), META_TRAINING_GRID), target, *starts).mean
 
-        values = own.believed
+        values = situation.believed
         before = returned(values)
         for _ in range(4):
             run = rollout(solve(paper_model(*values), META_TRAINING_GRID), target, *starts[:, :5])
-            readings = sensed(run.theta.T, run.theta_dot.T, own.sensor, True, rng)
-            values = adaptation.moved(statistics(own, run.u[:-1].T, *readings), values)
+            readings = sensed(run.theta.T, run.theta_dot.T, situation.sensor, True, rng)
+            values = adaptation.moved(statistics(situation, run.u[:-1].T, *readings), values)
         best = returned(truth)
         lost.append([(best - own_return) / abs(best) for own_return in (before, returned(values))])
     before, after = np.median(lost, axis=0)
@@ -233,13 +233,13 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
 
 def test_the_search_of_auto_tuned_transfer_knows_too_high_from_too_low():
     """Under one policy: the network's odds rise with the candidate, and the search ends near the plant's parameters."""
-    own, strategy = situation(), AutoTuned(simulations=600)
-    network = strategy.taught(own, *strategy.episodes(own, swing, whole=True))
+    situation, strategy = new_situation(), AutoTuned(simulations=600)
+    network = strategy.taught(situation, *strategy.episodes(situation, swing, whole=True))
     records = BudgetedPlant(ELSEWHERE, "encoder", 8, seed=3).run(swing, 8, at_rest=False).records
-    seen = np.array([statistics(own, r.u, r.theta, r.theta_dot) for r in records])
+    seen = np.array([statistics(situation, r.u, r.theta, r.theta_dot) for r in records])
     odds = [np.mean(expit(network.answers(seen, np.full(2, x))), axis=0) for x in (0.05, 0.35, 0.95)]
     assert np.all(np.diff(odds, axis=0) > 0.0)
     assert np.all(odds[0] < 0.2) and np.all(odds[2] > 0.8)
-    found = strategy.searched(network, seen, own.believed, own.bounds)
-    assert found[1] == pytest.approx(1.2, abs=0.1)
-    assert abs(found[0] - 1.5) < 0.5
+    parameters = strategy.searched(network, seen, situation.believed, situation.bounds)
+    assert parameters[1] == pytest.approx(1.2, abs=0.1)
+    assert abs(parameters[0] - 1.5) < 0.5

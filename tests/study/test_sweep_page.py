@@ -151,12 +151,12 @@ def test_both_heat_maps_of_a_report_share_their_optimum_and_their_shares(answer,
     """The study's seeds are fewer than the reference seeds, and their optimum is another."""
     assert answer.optimum != pytest.approx(answer.figure_references["optimal"], abs=1.0)
     with matplotlib.rc_context(STYLE):
-        own = figures.drawings(answer)["heatmap"]()
+        heatmap = figures.drawings(answer)["heatmap"]()
         held = reproduce([answer], tmp_path).drawings["published_heatmap"]()
-    scales = [[note.get_text() for note in figure.axes[-1].findobj(Annotation)] for figure in (own, held)]
+    scales = [[note.get_text() for note in figure.axes[-1].findobj(Annotation)] for figure in (heatmap, held)]
     assert scales[0] == scales[1]
-    assert own.axes[0].images[0].norm.vmax == held.axes[0].images[0].norm.vmax
+    assert heatmap.axes[0].images[0].norm.vmax == held.axes[0].images[0].norm.vmax
     shares = [
-        {text.get_text() for text in axes.texts if "%" in text.get_text()} for axes in (own.axes[0], held.axes[1])
+        {text.get_text() for text in axes.texts if "%" in text.get_text()} for axes in (heatmap.axes[0], held.axes[1])
     ]
     assert shares[0] == shares[1]

@@ -57,20 +57,20 @@ def played(information: np.ndarray) -> Callable[[np.ndarray], Experiment]:
 def test_a_quadratic_cost_is_worth_what_its_trace_says() -> None:
     """V* - V0 = tr(W C), and Vh - V0 = tr(W (C - C')), C' = (C^-1 + F)^-1."""
     designed = np.array([[4e4, 0.0], [0.0, 100.0]])
-    found = worth_of_rollouts(
+    worth = worth_of_rollouts(
         estimate(), 5, Quadratic(COST), played(designed), further=(1, 4, 1000), draws=300, rng=np.random.default_rng(1)
     )
-    assert found.perfect.value == pytest.approx(np.trace(COST @ COVARIANCE), abs=4.0 * found.perfect.sem)
+    assert worth.perfect.value == pytest.approx(np.trace(COST @ COVARIANCE), abs=4.0 * worth.perfect.sem)
     precision = np.linalg.inv(COVARIANCE)
-    assert {(own.kind, own.rollouts) for own in found.further} == {
+    assert {(further.kind, further.rollouts) for further in worth.further} == {
         (kind, h) for kind in (AS_BEFORE, DESIGNED) for h in (1, 4, 1000)
     }
-    for own in found.further:
-        told = own.rollouts * (precision / 5.0 if own.kind == AS_BEFORE else designed)
-        right = np.trace(COST @ (COVARIANCE - np.linalg.inv(precision + told)))
-        assert own.gain.value == pytest.approx(right, abs=4.0 * own.gain.sem)
-    last = next(own for own in found.further if own.kind == AS_BEFORE and own.rollouts == 1000)
-    assert last.gain.value == pytest.approx(found.perfect.value, rel=0.05)
+    for further in worth.further:
+        information = further.rollouts * (precision / 5.0 if further.kind == AS_BEFORE else designed)
+        right = np.trace(COST @ (COVARIANCE - np.linalg.inv(precision + information)))
+        assert further.gain.value == pytest.approx(right, abs=4.0 * further.gain.sem)
+    last = next(further for further in worth.further if further.kind == AS_BEFORE and further.rollouts == 1000)
+    assert last.gain.value == pytest.approx(worth.perfect.value, rel=0.05)
 
 
 @pytest.mark.long
@@ -95,9 +95,9 @@ def test_what_is_known_well_enough_asks_for_no_experiment() -> None:
     def never(cost: np.ndarray) -> Experiment:
         raise AssertionError("nothing was to be planned")
 
-    found = worth_of_rollouts(estimate(1e-4 * COVARIANCE), 5, Quadratic(COST), never)
-    assert found.settled
-    assert found.advice.startswith("Train now, with --randomize none: ")
+    worth = worth_of_rollouts(estimate(1e-4 * COVARIANCE), 5, Quadratic(COST), never)
+    assert worth.settled
+    assert worth.advice.startswith("Train now, with --randomize none: ")
 
 
 def test_the_cost_of_errors_is_found_from_losses() -> None:
@@ -129,17 +129,20 @@ def motion(plant: Plant) -> tuple[float, float]:
 def test_coordinates_are_those_of_the_motion_and_lead_back(plant: Plant) -> None:
     model = Model(plant, (Coulomb(0.2),))
     names = (*(n for n, p in plant.parameters.items() if not p.known), "coulomb.tau_c")
-    own = NormalCoordinates.of(model, names)
-    p = own.fitted * np.random.default_rng(0).uniform(0.6, 1.6, (50, 3))
-    x = own.numbers(p)
-    assert own.parameters(x) == pytest.approx(p, rel=1e-5)
+    coordinates = NormalCoordinates.of(model, names)
+    p = coordinates.fitted * np.random.default_rng(0).uniform(0.6, 1.6, (50, 3))
+    x = coordinates.numbers(p)
+    assert coordinates.parameters(x) == pytest.approx(p, rel=1e-5)
     for row, numbers in zip(p, x, strict=True):
         other = model.with_parameters(dict(zip(names, row, strict=True))).plant
         (J, G), (other_J, other_G) = (motion(own_plant) for own_plant in (plant, other))
         assert numbers == pytest.approx([J / other_J, (other_G / other_J) / (G / J), row[2]], rel=1e-5)
-    step = 1e-6 * own.fitted
-    slope = (own.numbers(own.fitted + np.diag(step)) - own.numbers(own.fitted - np.diag(step))) / (2.0 * step[:, None])
-    assert pytest.approx(own.slope, rel=1e-4, abs=1e-6) == slope.T
+    step = 1e-6 * coordinates.fitted
+    slope = (
+        coordinates.numbers(coordinates.fitted + np.diag(step))
+        - coordinates.numbers(coordinates.fitted - np.diag(step))
+    ) / (2.0 * step[:, None])
+    assert pytest.approx(coordinates.slope, rel=1e-4, abs=1e-6) == slope.T
 
 
 @pytest.mark.long
@@ -149,11 +152,11 @@ def test_what_a_grid_search_knows_is_normal_in_these_coordinates() -> None:
     for seed in range(40):
         rng = np.random.default_rng([seed, 77])
         truth = rng.uniform(0.3, 3.0, 2)
-        found = GridSearch().fit(paper_model(), transitions(paper_rollouts(paper_model(*truth), 1, rng)))
-        known = BoundedNormal.of(found)
-        off = np.array([known.coordinates.numbers(truth) - known.mean, truth - list(found.values.values())])
+        fitted = GridSearch().fit(paper_model(), transitions(paper_rollouts(paper_model(*truth), 1, rng)))
+        known = BoundedNormal.of(fitted)
+        off = np.array([known.coordinates.numbers(truth) - known.mean, truth - list(fitted.values.values())])
         distances.append(
-            [e @ np.linalg.solve(C, e) for e, C in zip(off, (known.covariance, found.covariance), strict=True)]
+            [e @ np.linalg.solve(C, e) for e, C in zip(off, (known.covariance, fitted.covariance), strict=True)]
         )
     here, there = np.mean(distances, axis=0)
     assert here == pytest.approx(2.0, abs=4.0 * 2.0 / math.sqrt(40))
@@ -179,12 +182,12 @@ def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> N
     grid = GridSearch().fit(paper_model(), transitions(rollouts))
     exact = fit(paper_model(), [rollouts[0].averaged], averaged_sensor(1.0), ("m", "l"))
 
-    def advised(found: Estimate, n: int) -> Worth:
+    def advised(fitted: Estimate, n: int) -> Worth:
         def design(cost: np.ndarray) -> Experiment:
-            return next_experiment(found, limits=Limits(2.0, 10.0), sensor=Sensor(theta_dot=0.7), cost=cost)
+            return next_experiment(fitted, limits=Limits(2.0, 10.0), sensor=Sensor(theta_dot=0.7), cost=cost)
 
-        decision = SwingUpDecision.of(found.model, found.names, episodes=20)
-        return worth_of_rollouts(found, n, decision, design, price=3.0, further=(1,), draws=12)
+        decision = SwingUpDecision.of(fitted.model, fitted.names, episodes=20)
+        return worth_of_rollouts(fitted, n, decision, design, price=3.0, further=(1,), draws=12)
 
     measure, train = advised(grid, 5), advised(exact, 1)
     assert measure.best is not None
@@ -218,9 +221,9 @@ def test_machines_side_by_side_return_what_each_returns_alone() -> None:
 )
 def test_numbers_that_make_no_sense_are_refused(numbers: dict, sentence: str) -> None:
     given = {"rollouts": 5.0, "covariance": COVARIANCE} | numbers
-    own = estimate(given.pop("covariance"))
+    fitted = estimate(given.pop("covariance"))
     with pytest.raises(InvalidInput) as refusal:
-        worth_of_rollouts(own, given.pop("rollouts"), Quadratic(COST), **given)
+        worth_of_rollouts(fitted, given.pop("rollouts"), Quadratic(COST), **given)
     assert str(refusal.value).startswith(sentence)
 
 
