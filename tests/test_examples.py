@@ -87,9 +87,9 @@ def test_a_link_to_itself_is_refused(name, arguments, tmp_path):
 def test_compare_sysid(tmp_path):
     numbers, figure = tmp_path / "out.json", tmp_path / "new" / "figure.png"
     said_by("compare_sysid.py", "--quick", "--seeds", "4", "--json", numbers, "--figure", figure)
-    results = json.loads(numbers.read_text())
-    assert set(results) == {"paper", "encoder"}
-    for setting in results.values():
+    found = json.loads(numbers.read_text())
+    assert set(found) == {"paper", "encoder"}
+    for setting in found.values():
         assert set(setting) == {"grid", "least_squares", "ukf"}
         for method in setting.values():
             assert method["n"] == [1, 5, 10]
@@ -165,9 +165,9 @@ def test_own_strategy(tmp_path):
 
 @pytest.mark.long
 def test_own_effect():
-    without, with_effect = said_by("own_effect.py").split("with:")
+    without, found = said_by("own_effect.py").split("with:")
     assert "unknown: " in without
-    assert "\nmissing: magnet (k = 0.30" in with_effect
+    assert "\nmissing: magnet (k = 0.30" in found
 
 
 @pytest.mark.long
@@ -201,13 +201,13 @@ def test_real_log_refuses_what_is_no_log(tmp_path):
 def test_hidden_effect(tmp_path):
     log, figure, report, numbers = (tmp_path / name for name in ("log", "figure.png", "report.html", "out.json"))
     said_by("hidden_effect.py", "--log", log, "--figure", figure, "--html", report, "--json", numbers)
-    answer = json.loads(numbers.read_text())
-    assert answer["verdict"] == "missing"
-    assert {step["effect"] for step in answer["steps"]} == {"coulomb", "delay"}
-    assert answer["base_error"] > 4.0
-    assert answer["error"] < 1.1
+    found = json.loads(numbers.read_text())
+    assert found["verdict"] == "missing"
+    assert {step["effect"] for step in found["steps"]} == {"coulomb", "delay"}
+    assert found["base_error"] > 4.0
+    assert found["error"] < 1.1
     for name, truth in (("coulomb.tau_c", 0.15), ("delay.T", 0.05)):
-        assert abs(answer["parameters"][name]["value"] - truth) < 4.0 * answer["parameters"][name]["sd"]
+        assert abs(found["parameters"][name]["value"] - truth) < 4.0 * found["parameters"][name]["sd"]
     assert len(list(log.glob("swing*.csv"))) == 8
     assert figure.read_bytes().startswith(PNG)
     assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
