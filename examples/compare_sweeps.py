@@ -32,12 +32,12 @@ def cell(returns: np.ndarray) -> str:
 
 def common(first: Outcomes, second: Outcomes) -> dict[Spot, tuple[tuple[int, ...], np.ndarray, np.ndarray]]:
     """Seeds (S,) and returns (S,) of both in every cell with two seeds in common."""
-    found = {}
+    cells = {}
     for spot in sorted(spot for spot in first.table if spot in second):
         seeds = tuple(sorted(set(first.seeds(spot)) & set(second.seeds(spot))))
         if len(seeds) > 1:
-            found[spot] = seeds, first.returns(spot, seeds), second.returns(spot, seeds)
-    return found
+            cells[spot] = seeds, first.returns(spot, seeds), second.returns(spot, seeds)
+    return cells
 
 
 def overall(pairs: dict[Spot, tuple[tuple[int, ...], np.ndarray, np.ndarray]]) -> str:

@@ -199,9 +199,9 @@ def line(row: Row) -> str:
 
 def to_json(rows: Sequence[Row]) -> dict[str, dict[str, dict[str, list[float | None]]]]:
     """{setting: {method: {n, rms_error, crb, ratio, coverage, seconds, ...}}}; rms_error and crb are Euclidean."""
-    found: dict[str, dict[str, dict[str, list[float | None]]]] = {}
+    by_setting: dict[str, dict[str, dict[str, list[float | None]]]] = {}
     for row in rows:
-        entry = found.setdefault(row.setting, {}).setdefault(row.method, {})
+        entry = by_setting.setdefault(row.setting, {}).setdefault(row.method, {})
         numbers = {
             "n": row.n,
             "seeds": row.seeds,
@@ -214,7 +214,7 @@ def to_json(rows: Sequence[Row]) -> dict[str, dict[str, dict[str, list[float | N
         }
         for name, number in numbers.items():
             entry.setdefault(name, []).append(number)
-    return found
+    return by_setting
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -230,11 +230,11 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         for i, (parameter, unit) in enumerate((("m", "kg"), ("l", "m"))):
             ax = axes[i, j]
             for name, method in METHODS.items():
-                own = [r for r in rows if (r.setting, r.method) == (setting, name)]
-                ax.plot([r.n for r in own], [r.rms[i] for r in own], color=method.colour, marker=method.marker,
+                chosen = [r for r in rows if (r.setting, r.method) == (setting, name)]
+                ax.plot([r.n for r in chosen], [r.rms[i] for r in chosen], color=method.colour, marker=method.marker,
                         label=method.label)  # fmt: skip
                 if name == "least_squares":
-                    bound = [r.crb[i] for r in own]
+                    bound = [r.crb[i] for r in chosen]
                     ax.plot(ticks, bound, color="black", linestyle="--", label="Cramér-Rao bound", zorder=5)
             ax.set_xscale("log")
             ax.set_yscale("log")

@@ -30,9 +30,9 @@ class TestedBand(Strategy):
     def spend(self, situation: Situation) -> Dialogue:
         """Play, fit, train two agents, try each once, and keep the better one."""
         records = yield Play(situation.budget - 2)
-        found = fit(situation.prior, records, situation.sensor, situation.names)
-        center = {name: found.values[name] for name in situation.names}
-        agents = yield Train(tuple(TrainingSetup(found.model, Band(center, w)) for w in (0.0, self.w)))
+        estimate = fit(situation.prior, records, situation.sensor, situation.names)
+        center = {name: estimate.values[name] for name in situation.names}
+        agents = yield Train(tuple(TrainingSetup(estimate.model, Band(center, w)) for w in (0.0, self.w)))
         returns = []
         for agent in agents:
             returns.append((yield Try(agent)).mean)

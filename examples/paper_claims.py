@@ -45,15 +45,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InvalidInput as error:
         parser.error(str(error))
     begin = time.perf_counter()
-    found = scatter(np.random.default_rng(0), options.seeds)
-    answers = (claims.rate(found), claims.bias(found), claims.error_floor(found), claims.plateau(), claims.monotone())
+    measurements = scatter(np.random.default_rng(0), options.seeds)
+    answers = (
+        claims.rate(measurements),
+        claims.bias(measurements),
+        claims.error_floor(measurements),
+        claims.plateau(),
+        claims.monotone(),
+    )
     for claim in (*answers, claims.starts()):
         print(f'"{claim.quote}" ({claim.place}): {claim.verdict}.\n{claim.answer}\n')
     print(f"Which published claims of significance stand?\n{Agreement(Outcomes({})).significance()}\n")
     print(f"{time.perf_counter() - begin:.0f} s")
     if options.figure:
         try:
-            save_figure(lambda: identification(found), options.figure)
+            save_figure(lambda: identification(measurements), options.figure)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             parser.error(f"--figure {options.figure}: cannot write ({reason})")

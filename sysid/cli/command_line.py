@@ -40,13 +40,13 @@ def _left_out(asked: PrimitiveTypeInfo) -> Any:
     if asked.type_origin not in (Union, UnionType) or len(kinds) == len(get_args(asked.type)):
         return None
     rest: Any = reduce(or_, kinds)
-    own = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(rest, asked.markers))
-    if not isinstance(own, PrimitiveConstructorSpec):
-        return own
+    spec = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(rest, asked.markers))
+    if not isinstance(spec, PrimitiveConstructorSpec):
+        return spec
     return replace(
-        own,
-        is_instance=lambda value: value is None or own.is_instance(value),
-        str_from_instance=lambda value: [] if value is None else own.str_from_instance(value),
+        spec,
+        is_instance=lambda value: value is None or spec.is_instance(value),
+        str_from_instance=lambda value: [] if value is None else spec.str_from_instance(value),
     )
 
 

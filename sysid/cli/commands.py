@@ -273,8 +273,8 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     else:
         noise = sensor_noise(log)
         sensor = dataclasses.replace(noise.sensor, **given)
-        found = {channel: error for channel, error in noise.error.items() if channel not in given}
-        logger.info(dataclasses.replace(noise, sensor=sensor, error=found).sentence(plant))
+        errors = {channel: error for channel, error in noise.error.items() if channel not in given}
+        logger.info(dataclasses.replace(noise, sensor=sensor, error=errors).sentence(plant))
     check_excitation(log, sensor)
     return sensor
 
@@ -305,9 +305,11 @@ def write(path: Path | None, writer: Callable[[Path], None]) -> None:
         logger.info(f"wrote {path}")
 
 
-def write_json(path: Path | None, told: Callable[[], dict[str, Any]]) -> None:
+def write_json(path: Path | None, to_dict: Callable[[], dict[str, Any]]) -> None:
     """Write what an answer tells as plain data: some of it costs as much as the answer. The schema comes first."""
-    write(path, lambda own: save_file(own, json.dumps({"schema": ANSWER} | told(), indent=1, allow_nan=False) + "\n"))
+    write(
+        path, lambda file: save_file(file, json.dumps({"schema": ANSWER} | to_dict(), indent=1, allow_nan=False) + "\n")
+    )
 
 
 def _write_page(answer: Any, path: Path) -> None:

@@ -39,7 +39,7 @@ def _read(value: Any, kind: Any) -> tuple[Any, str]:
     if kind is str:
         pairs = ",".join(f"{ours}={theirs}" for ours, theirs in value.items()) if isinstance(value, Mapping) else value
         return pairs if isinstance(pairs, str) else None, 'a table, as {theta = ...}, or a text, as "theta=..."'
-    choices = [choice for own in get_args(kind) for choice in get_args(own)]
+    choices = [choice for member in get_args(kind) for choice in get_args(member)]
     if value in choices:
         return value, ""
     numeric = float in get_args(kind)
@@ -60,26 +60,26 @@ def settings_in(path: Path) -> dict[str, Any]:
         raise
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{path} is not TOML: {error}") from None
-    found, kinds = {}, _kinds()
+    settings, kinds = {}, _kinds()
     for name, value in content.items():
         key = name.replace("-", "_")
         if key not in kinds:
             near = get_close_matches(key, kinds, n=1)
             perhaps = f"did you mean {near[0]}? E" if near else "e"
             raise InvalidInput(f"{path}: unknown key {excerpt(name)}: {perhaps}xpected some of {', '.join(kinds)}")
-        found[key], expected = _read(value, kinds[key])
-        if found[key] is None:
+        settings[key], expected = _read(value, kinds[key])
+        if settings[key] is None:
             raise InvalidInput(f"{path}: {name} = {excerpt(value)}: expected {expected}")
-    return found
+    return settings
 
 
 def settings_file(files: tuple[Path, ...]) -> Path | None:
     """The log.toml in the folder of the logs; raises InvalidInput where they lie in several folders with different."""
     folders = list(dict.fromkeys(full_path(file, "read").parent for file in files))
-    found = [folder / FILE for folder in folders if (folder / FILE).is_file()]
-    if not found:
+    paths = [folder / FILE for folder in folders if (folder / FILE).is_file()]
+    if not paths:
         return None
-    if len(found) < len(folders) or any(settings_in(path) != settings_in(found[0]) for path in found):
+    if len(paths) < len(folders) or any(settings_in(path) != settings_in(paths[0]) for path in paths):
         raise InvalidInput(
             f"the logs lie in {len(folders)} folders whose {FILE} differ or are not there: expected one that holds for "
             f"all, given with --log FILE.toml, or --log {NO_FILE}"
@@ -98,13 +98,13 @@ def with_settings(log: LogOptions, start: ModelOptions) -> tuple[LogOptions, Mod
     if path is None:
         return log, start, ""
     given, taken = vars(log) | {"plant": start.plant or start.model}, dict[str, Any]()
-    found = settings_in(path)
-    for key, value in found.items():
-        own = given[FIELDS.get(key, key)]
-        if own is None or own is False or own == "":
+    settings = settings_in(path)
+    for key, value in settings.items():
+        option = given[FIELDS.get(key, key)]
+        if option is None or option is False or option == "":
             taken[key] = value
     said = [f"{key} {str(value).lower() if isinstance(value, bool) else value}" for key, value in taken.items()]
-    overridden = ", ".join(key for key in found if key not in taken)
+    overridden = ", ".join(key for key in settings if key not in taken)
     changes = {FIELDS.get(key, key): value for key, value in taken.items()}
     start = replace(start, plant=changes.pop("plant", start.plant))
     note = f"{path}: {'; '.join(said) or 'nothing taken'}"

@@ -81,8 +81,8 @@ def _check_plant(options: ModelOptions, plant: Plant) -> None:
     """Raise InvalidInput where --plant says otherwise than --model."""
     if options.plant is None or type(PLANTS[options.plant]) is type(plant):
         return
-    own = next((name for name, known in PLANTS.items() if type(known) is type(plant)), type(plant).__name__)
-    raise InvalidInput(f"--plant {options.plant}, but the plant of {options.model} is {own}: leave --plant out")
+    plant_name = next((name for name, known in PLANTS.items() if type(known) is type(plant)), type(plant).__name__)
+    raise InvalidInput(f"--plant {options.plant}, but the plant of {options.model} is {plant_name}: leave --plant out")
 
 
 def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
@@ -98,12 +98,12 @@ def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
         numbers.setdefault(owner, {})
         if equals:
             numbers[owner][field] = named_numbers("--with", [part])[whole.strip()]
-    for owner, own in numbers.items():
+    for owner, fields in numbers.items():
         if owner in model.effect_names:
             raise InvalidInput(f"--with {owner}: the model has it already; --set {owner}.NAME=NUMBER fixes its numbers")
-        model = model.with_effect(effect(owner, **own))
+        model = model.with_effect(effect(owner, **fields))
     return model, tuple(
-        n for o, own in numbers.items() for n in _fitted(model, o) if model.parameters[n].field not in own
+        n for o, fields in numbers.items() for n in _fitted(model, o) if model.parameters[n].field not in fields
     )
 
 
@@ -114,11 +114,15 @@ def _fitted(model: Model, owner: str) -> tuple[str, ...]:
 
 def _with_actuator(model: Model, command: Command | None) -> tuple[Model, tuple[str, ...]]:
     """The model with what turns that kind of command into torque, and the names that a fit may move of it."""
-    own, wanted = model.actuator, INPUTS[command or "torque"]
-    if command is None or (type(own) if own else None) is wanted:
+    actuator, wanted = model.actuator, INPUTS[command or "torque"]
+    if command is None or (type(actuator) if actuator else None) is wanted:
         return model, ()
-    if own is not None or wanted is None:
-        has = f"a {own.name}, driven by a {own.command} command" if own else "no actuator: its command is a torque"
+    if actuator is not None or wanted is None:
+        has = (
+            f"a {actuator.name}, driven by a {actuator.command} command"
+            if actuator
+            else "no actuator: its command is a torque"
+        )
         raise InvalidInput(f"--input {command}, but the model has {has}")
     model = model.with_effect(wanted())
     return model, _fitted(model, wanted.name)
@@ -209,11 +213,11 @@ def _turns_round(record: Record) -> bool:
 
 def named_numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
     """{name: number} of "name=number"."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for pair in pairs:
         name, _, number = (part.strip() for part in pair.partition("="))
         try:
-            found[name] = float(number)
+            values[name] = float(number)
         except ValueError:
             raise InvalidInput(f"{option} {pair!r}: expected NAME=NUMBER, as in l=0.45") from None
-    return found
+    return values

@@ -113,10 +113,10 @@ TERMS: dict[type[Effect], Callable[[Any, Mechanism], dict[str, float]]] = {
 def mechanism(model: Model) -> Mechanism:
     """The mechanism of a model of one machine. Raises InvalidInput for one whose numbers are arrays."""
     check_model(model)
-    found = Mechanism(model.plant.turns, body(model.plant), model.u_max, model.plant.rest)
+    machine = Mechanism(model.plant.turns, body(model.plant), model.u_max, model.plant.rest)
     others = tuple(e for e in model.effects if e not in model.input_effects)
     for effect in (*model.input_effects, *others):
         if type(effect) in TERMS and not effect.idle:
-            changes: dict[str, Any] = {k: float(v) for k, v in TERMS[type(effect)](effect, found).items()}
-            found = dataclasses.replace(found, **changes)
-    return found
+            changes: dict[str, Any] = {k: float(v) for k, v in TERMS[type(effect)](effect, machine).items()}
+            machine = dataclasses.replace(machine, **changes)
+    return machine

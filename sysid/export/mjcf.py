@@ -54,46 +54,46 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
         For a model of many machines, a name that is no text, and a file that is not MJCF or has no such joint.
     """
     check_kind("joint", joint, str, "its name, such as 'hinge'")
-    own = mechanism(model)
+    machine = mechanism(model)
     if into is None:
-        step, said = _step(own, model.dt), list[str]()
-        if 0.0 < own.lag <= step:
+        step, said = _step(machine, model.dt), list[str]()
+        if 0.0 < machine.lag <= step:
             said.append(
-                f"The lag of {attribute_numbers(own.lag)} s is not in the file: "
+                f"The lag of {attribute_numbers(machine.lag)} s is not in the file: "
                 f"a step takes {attribute_numbers(step)} s."
             )
-        text = text_of(_document(own, joint, step))
+        text = text_of(_document(machine, joint, step))
         said += unsaid_effects(model, TERMS, "MJCF")
     else:
-        text, step, said = _changed(own, joint, path_of(into))
+        text, step, said = _changed(machine, joint, path_of(into))
         said += unsaid_effects(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
-    if own.friction:
+    if machine.friction:
         said.append(
             f"MuJoCo's dry friction is soft, and a joint at rest creeps: solreffriction is as stiff as steps of "
             f"{attribute_numbers(step)} s allow; set it to two steps where you take others, the smaller the better."
         )
-    if own.delay:
+    if machine.delay:
         said.append("The actuator's attribute delay needs a recent MuJoCo (4.0 has it): older ones refuse the file.")
     return Exported("MJCF", text, tuple(said))
 
 
-def _step(own: Mechanism, dt: float) -> float:
-    return dt / math.ceil(dt / (FRICTION_STEP if own.friction else SMOOTH_STEP) - 1e-9)
+def _step(machine: Mechanism, dt: float) -> float:
+    return dt / math.ceil(dt / (FRICTION_STEP if machine.friction else SMOOTH_STEP) - 1e-9)
 
 
 # ---- a file of our own -----------------------------------------------------------------------------------------------
 
 
-def _document(own: Mechanism, joint: str, step: float) -> Element:
-    link, size = own.body, max(2.0 * own.body.center, 0.1)
-    gravity = attribute_numbers(link.gravity * math.sin(own.tilt), 0.0, -link.gravity * math.cos(own.tilt))
-    turning = {"type": "hinge", "axis": "0 1 0"} if own.turns else {"type": "slide", "axis": "1 0 0"}
+def _document(machine: Mechanism, joint: str, step: float) -> Element:
+    link, size = machine.body, max(2.0 * machine.body.center, 0.1)
+    gravity = attribute_numbers(link.gravity * math.sin(machine.tilt), 0.0, -link.gravity * math.cos(machine.tilt))
+    turning = {"type": "hinge", "axis": "0 1 0"} if machine.turns else {"type": "slide", "axis": "1 0 0"}
     inertia, ends = attribute_numbers(*[link.inertia] * 3), attribute_numbers(0.0, 0.0, 0.0, 0.0, 0.0, size)
     root = Element("mujoco", model="gapfinder")
     SubElement(root, "compiler", angle="radian")
     SubElement(root, "option", OPTION, timestep=attribute_numbers(step), gravity=gravity)
     arm = SubElement(SubElement(root, "worldbody"), "body", name="link")
-    SubElement(arm, "joint", {"name": joint} | turning | _of_joint(own, step, 1.0))
+    SubElement(arm, "joint", {"name": joint} | turning | _of_joint(machine, step, 1.0))
     SubElement(
         arm,
         "inertial",
@@ -102,52 +102,58 @@ def _document(own: Mechanism, joint: str, step: float) -> Element:
         diaginertia=inertia,
     )
     SubElement(arm, "geom", SHAPE, fromto=ends, size=attribute_numbers(0.03 * size))
-    SubElement(SubElement(root, "actuator"), "general", {"name": "drive", "joint": joint} | _of_general(own, step))
+    SubElement(SubElement(root, "actuator"), "general", {"name": "drive", "joint": joint} | _of_general(machine, step))
     return root
 
 
-def _of_joint(own: Mechanism, step: float, per_radian: float) -> dict[str, str]:
+def _of_joint(machine: Mechanism, step: float, per_radian: float) -> dict[str, str]:
     """The attributes of the joint; angles in units of which there are so many to a radian."""
-    found = {"damping": attribute_numbers(own.damping), "frictionloss": attribute_numbers(own.friction)}
-    if own.armature:
-        found["armature"] = attribute_numbers(own.armature)
-    if own.friction:
-        found |= {"solreffriction": attribute_numbers(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
-    if own.stiffness:
-        found |= {"stiffness": attribute_numbers(own.stiffness), "springref": attribute_numbers(per_radian * own.rest)}
-    return found
+    attributes = {"damping": attribute_numbers(machine.damping), "frictionloss": attribute_numbers(machine.friction)}
+    if machine.armature:
+        attributes["armature"] = attribute_numbers(machine.armature)
+    if machine.friction:
+        attributes |= {"solreffriction": attribute_numbers(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
+    if machine.stiffness:
+        attributes |= {
+            "stiffness": attribute_numbers(machine.stiffness),
+            "springref": attribute_numbers(per_radian * machine.rest),
+        }
+    return attributes
 
 
-def _of_general(own: Mechanism, step: float) -> dict[str, str]:
+def _of_general(machine: Mechanism, step: float) -> dict[str, str]:
     """The attributes of a general actuator whose control is the model's command."""
-    found = {"gainprm": attribute_numbers(own.gain * own.scale)}
-    if own.bias or own.position_gain or own.speed_gain:
-        bias = attribute_numbers(own.bias, -own.position_gain, -own.speed_gain)
-        found |= {"biastype": "affine", "biasprm": bias}
-    force, control = own.force_limit, own.u_max
-    if own.lag or own.speed_gain:  # what is limited is not the force
-        control = min(control, own.limit / own.scale)
+    attributes = {"gainprm": attribute_numbers(machine.gain * machine.scale)}
+    if machine.bias or machine.position_gain or machine.speed_gain:
+        bias = attribute_numbers(machine.bias, -machine.position_gain, -machine.speed_gain)
+        attributes |= {"biastype": "affine", "biasprm": bias}
+    force, control = machine.force_limit, machine.u_max
+    if machine.lag or machine.speed_gain:  # what is limited is not the force
+        control = min(control, machine.limit / machine.scale)
     else:
-        force = min(force, own.gain * own.limit)
+        force = min(force, machine.gain * machine.limit)
     if math.isfinite(control):
-        found |= {"ctrllimited": "true", "ctrlrange": attribute_numbers(-control, control)}
+        attributes |= {"ctrllimited": "true", "ctrlrange": attribute_numbers(-control, control)}
     if math.isfinite(force):
-        found |= {"forcelimited": "true", "forcerange": attribute_numbers(own.bias - force, own.bias + force)}
-    if own.lag > step:
-        found |= {"dyntype": "filter", "dynprm": attribute_numbers(own.lag)}
-    return found | _of_delay(own, step, 0.5)
+        attributes |= {
+            "forcelimited": "true",
+            "forcerange": attribute_numbers(machine.bias - force, machine.bias + force),
+        }
+    if machine.lag > step:
+        attributes |= {"dyntype": "filter", "dynprm": attribute_numbers(machine.lag)}
+    return attributes | _of_delay(machine, step, 0.5)
 
 
-def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
+def _of_delay(machine: Mechanism, step: float, early: float) -> dict[str, str]:
     """The delay, longer by as many steps as MuJoCo answers early: between samples it interpolates, and RK4 sees that.
 
     Where a step holds its first control, that makes up for it.
     """
-    if not own.delay:
+    if not machine.delay:
         return {}
     return {
-        "delay": attribute_numbers(own.delay + early * step),
-        "nsample": str(math.ceil(own.delay / step) + 2),
+        "delay": attribute_numbers(machine.delay + early * step),
+        "nsample": str(math.ceil(machine.delay / step) + 2),
         "interp": "linear",
     }
 
@@ -155,7 +161,7 @@ def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
 # ---- a user's file ---------------------------------------------------------------------------------------------------
 
 
-def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[str]]:
+def _changed(machine: Mechanism, joint: str, path: Path) -> tuple[str, float, list[str]]:
     """The user's file with the joint's and its actuator's numbers, its step [s], and what that leaves out."""
     before, root = parsed_xml(path)
     if root.tag != "mujoco":
@@ -170,32 +176,32 @@ def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[s
         raise InvalidInput(f"{path.name}: the timestep of <option> is no number") from None
     degrees = all(e.get("angle", "degree") == "degree" for e in root.iter("compiler"))
     turns = named[joint].get("type", "hinge") == "hinge"
-    if turns != own.turns:
+    if turns != machine.turns:
         raise InvalidInput(f"{path.name}: joint {joint!r} {'turns' if turns else 'slides'}, and the model does not")
     per_radian = math.degrees(1.0) if degrees and turns else 1.0
-    for name, value in _of_joint(own, step, per_radian).items():
+    for name, value in _of_joint(machine, step, per_radian).items():
         named[joint].set(name, value)
     inherited = any(e.get("gear") for group in root.iter("default") for e in group)  # which gear, MuJoCo knows alone
     drives = [e for group in root.iter("actuator") for e in group if e.get("joint") == joint]
     early = 0.5 * any(e.get("integrator") == "RK4" for e in root.iter("option"))
-    said = [*_kept(own), *_driven(own, drives, step, early, inherited)]
+    said = [*_kept(machine), *_driven(machine, drives, step, early, inherited)]
     try:
         return f"{before}{tostring(root, encoding='unicode')}\n", step, said
     except RecursionError:
         raise InvalidInput(f"{path.name} has too many elements within each other") from None
 
 
-def _kept(own: Mechanism) -> Iterator[str]:
-    link = own.body
+def _kept(machine: Mechanism) -> Iterator[str]:
+    link = machine.body
     yield (
         f"The body is as it was: the model's has {link.mass:.4g} kg, its center {link.center:.4g} from the axis, "
         f"and an inertia of {link.inertia:.4g} about that (SI units)."
     )
-    if own.stiffness:
+    if machine.stiffness:
         yield "springref is the angle at which the spring is slack, from upright: shift it where 0 is elsewhere."
 
 
-def _driven(own: Mechanism, drives: Sequence[Element], step: float, early: float, inherited: bool) -> Iterator[str]:
+def _driven(machine: Mechanism, drives: Sequence[Element], step: float, early: float, inherited: bool) -> Iterator[str]:
     """Change a user's actuator; yields what it cannot be made to do."""
     if len(drives) != 1:
         yield f"{len(drives) or 'No'} actuators of this joint: expected one; none was changed."
@@ -203,23 +209,23 @@ def _driven(own: Mechanism, drives: Sequence[Element], step: float, early: float
     (drive,) = drives
     if inherited and drive.get("gear") is None:
         yield "The gear may come from a default: only the actuator's delay was changed; give it a gear of its own."
-    elif _takes_command(own, drive):
-        _set_drive(own, drive)
+    elif _takes_command(machine, drive):
+        _set_drive(machine, drive)
     else:
         yield f"The actuator <{drive.tag}> takes another command than the model's: only its delay was changed."
-    for name, value in _of_delay(own, step, early).items():
+    for name, value in _of_delay(machine, step, early).items():
         drive.set(name, value)
 
 
-def _takes_command(own: Mechanism, drive: Element) -> bool:
+def _takes_command(machine: Mechanism, drive: Element) -> bool:
     """Whether a user's actuator is told what the model is."""
-    if own.position_gain:
+    if machine.position_gain:
         return drive.tag == "position"
     plain = drive.get("gainprm", "1").split()[:1] == ["1"] and drive.get("biastype", "none") == "none"
-    return not own.speed_gain and (drive.tag == "motor" or (drive.tag == "general" and plain))
+    return not machine.speed_gain and (drive.tag == "motor" or (drive.tag == "general" and plain))
 
 
-def _set_drive(own: Mechanism, drive: Element) -> None:
+def _set_drive(machine: Mechanism, drive: Element) -> None:
     """Gains and limits, which MuJoCo counts before the gear."""
     try:
         gear = float(drive.get("gear", "1").split()[0])
@@ -230,12 +236,12 @@ def _set_drive(own: Mechanism, drive: Element) -> None:
             f"the gear of actuator <{drive.tag}> is {excerpt(drive.get('gear'))}: expected a number"
         ) from None
     if drive.tag == "position":
-        drive.set("kp", attribute_numbers(own.gain / gear**2))
-        drive.set("kv", attribute_numbers(own.speed_gain / gear**2))
-    elif own.gain * own.scale != 1.0:
-        gear *= own.gain * own.scale
+        drive.set("kp", attribute_numbers(machine.gain / gear**2))
+        drive.set("kv", attribute_numbers(machine.speed_gain / gear**2))
+    elif machine.gain * machine.scale != 1.0:
+        gear *= machine.gain * machine.scale
         drive.set("gear", attribute_numbers(gear))
-    force = min(own.force_limit, own.gain * own.limit) / abs(gear)
+    force = min(machine.force_limit, machine.gain * machine.limit) / abs(gear)
     if math.isfinite(force):
         drive.set("forcelimited", "true")
         drive.set("forcerange", attribute_numbers(-force, force))

@@ -43,21 +43,23 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
     return Exported("URDF", text_of(_document(mechanism(model), joint)), unsaid_effects(model, URDF_EFFECTS, "URDF"))
 
 
-def _document(own: Mechanism, joint: str) -> Element:
-    inertia = attribute_numbers(own.body.inertia + own.armature)
-    limit = min(own.force_limit, own.gain * min(own.limit, own.scale * own.u_max))
+def _document(machine: Mechanism, joint: str) -> Element:
+    inertia = attribute_numbers(machine.body.inertia + machine.armature)
+    limit = min(machine.force_limit, machine.gain * min(machine.limit, machine.scale * machine.u_max))
     root = Element("robot", name="gapfinder")
     SubElement(root, "link", name="base")
     inertial = SubElement(SubElement(root, "link", name="link"), "inertial")
-    SubElement(inertial, "origin", xyz=attribute_numbers(0.0, 0.0, own.body.center))
-    SubElement(inertial, "mass", value=attribute_numbers(own.body.mass))
+    SubElement(inertial, "origin", xyz=attribute_numbers(0.0, 0.0, machine.body.center))
+    SubElement(inertial, "mass", value=attribute_numbers(machine.body.mass))
     SubElement(inertial, "inertia", ixx=inertia, iyy=inertia, izz=inertia, ixy="0", ixz="0", iyz="0")
-    made = SubElement(root, "joint", name=joint, type="continuous" if own.turns else "prismatic")
+    made = SubElement(root, "joint", name=joint, type="continuous" if machine.turns else "prismatic")
     SubElement(made, "parent", link="base")
     SubElement(made, "child", link="link")
-    SubElement(made, "origin", xyz="0 0 0", rpy=attribute_numbers(0.0, own.tilt, 0.0))
-    SubElement(made, "axis", xyz="0 1 0" if own.turns else "1 0 0")
-    SubElement(made, "dynamics", damping=attribute_numbers(own.damping), friction=attribute_numbers(own.friction))
-    ends = {} if own.turns else {"lower": "-1e6", "upper": "1e6"}
+    SubElement(made, "origin", xyz="0 0 0", rpy=attribute_numbers(0.0, machine.tilt, 0.0))
+    SubElement(made, "axis", xyz="0 1 0" if machine.turns else "1 0 0")
+    SubElement(
+        made, "dynamics", damping=attribute_numbers(machine.damping), friction=attribute_numbers(machine.friction)
+    )
+    ends = {} if machine.turns else {"lower": "-1e6", "upper": "1e6"}
     SubElement(made, "limit", ends, effort=attribute_numbers(limit if math.isfinite(limit) else 1e6), velocity="1e6")
     return root

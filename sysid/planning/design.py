@@ -81,27 +81,29 @@ class Conditions:
         It is a random torque and an angle error; or louder white noise, if that makes both needless for one of the
         fits.
         """
-        ranked = sorted(fits, key=lambda own: own.deviance)
+        ranked = sorted(fits, key=lambda fit: fit.deviance)
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
-        for own in ranked:
-            bare = continued(own, NO_DISTURBANCE, KNOWN)
+        for fit in ranked:
+            bare = continued(fit, NO_DISTURBANCE, KNOWN)
             louder = self._with_noise_of(bare)
-            samples = Samples(own.model, own.samples.records, louder.sensor)
-            if fit_parameters(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
+            samples = Samples(fit.model, fit.samples.records, louder.sensor)
+            if fit_parameters(samples, fit.model, fit.names, bare, fit.disturbances, ROUGHLY).undisturbed:
                 return louder
         return replace(self, disturbances=with_likely_shared_error(ranked[0]))
 
-    def _with_noise_of(self, found: Fit) -> Conditions:
+    def _with_noise_of(self, fit: Fit) -> Conditions:
         """The same with at least the noise that a fit's innovations show without disturbances."""
-        e, read = found.linearised.system.filter(NO_DISTURBANCE).innovations, found.samples.weight > 0.0
+        e, read = fit.linearised.system.filter(NO_DISTURBANCE).innovations, fit.samples.weight > 0.0
         at = {c: e[read[:, k], k] for k, c in enumerate(CHANNELS) if np.any(read[:, k])}
-        return self.louder({channel: max(1.0, float(np.sqrt(np.mean(own**2)))) for channel, own in at.items()})
+        return self.louder(
+            {channel: max(1.0, float(np.sqrt(np.mean(innovations**2)))) for channel, innovations in at.items()}
+        )
 
     def much_louder(self, other: Conditions) -> bool:
         """Whether a channel's noise is so much above that of other conditions that fits under those mislead."""
         pairs = ((getattr(self.sensor, c), getattr(other.sensor, c)) for c in CHANNELS)
-        return any(own is not None and own > MISTOLD * told for own, told in pairs)
+        return any(sd is not None and sd > MISTOLD * other_sd for sd, other_sd in pairs)
 
 
 class Pool:
@@ -151,23 +153,32 @@ class Pool:
     def sensitivities(self, name: str) -> Sensitivities:
         """The Sensitivities of a hypothesis, without its effect's parameters, along the motion that it predicts."""
         if name not in self._sensitivities:
-            own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
+            hypothesis, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
             x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
-            beside = tuple(n for n in own.names if own.effect is None or own.model.parameters[n].owner != own.name)
-            self._sensitivities[name] = Sensitivities(self.samples, own.model, own.effect, motion, beside, D)
+            beside = tuple(
+                n
+                for n in hypothesis.names
+                if hypothesis.effect is None or hypothesis.model.parameters[n].owner != hypothesis.name
+            )
+            self._sensitivities[name] = Sensitivities(
+                self.samples, hypothesis.model, hypothesis.effect, motion, beside, D
+            )
         return self._sensitivities[name]
 
     def calm(self) -> NDArray[np.bool_]:
         """Whether a signal's linearised motions let no initial error grow beyond what a fit can follow (K,)."""
-        growth = [_growth(own.linearised.system.A, len(self.signals)) for own in self._sensitivities.values()]
+        growth = [
+            _growth(sensitivities.linearised.system.A, len(self.signals))
+            for sensitivities in self._sensitivities.values()
+        ]
         return np.max(growth, axis=0) <= LARGEST_GROWTH
 
     def unlike(self, truth: str, rival: str) -> Normal:
         """Normal equations for the rival's effect and numbers to imitate what effect `truth` does to the readings."""
-        own = self.hypotheses[truth].effect
-        assert own is not None
-        return self.sensitivities(truth).unlike(own, self.hypotheses[rival].effect, len(self.signals))
+        effect = self.hypotheses[truth].effect
+        assert effect is not None
+        return self.sensitivities(truth).unlike(effect, self.hypotheses[rival].effect, len(self.signals))
 
     def shown(self, name: str) -> list[Record]:
         """The records that perfect sensors would make if a hypothesis were true."""
@@ -211,18 +222,18 @@ def _growth(A: Array, logs: int) -> Array:
 def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
     limits = conditions.limits
-    found = [replace(s, amplitude=min(s.amplitude, limits.u_max)) for s in signals]
+    scaled = [replace(s, amplitude=min(s.amplitude, limits.u_max)) for s in signals]
     if limits.theta_max is None and limits.theta_dot_max is None:
-        return found
-    waiting = list(range(len(found)))
+        return scaled
+    waiting = list(range(len(scaled)))
     for _ in range(16):
-        stays = Pool(hypotheses, [found[i] for i in waiting], conditions).stays()
+        stays = Pool(hypotheses, [scaled[i] for i in waiting], conditions).stays()
         waiting = [i for i, fine in zip(waiting, stays, strict=True) if not fine]
         if not waiting:
             break
         for i in waiting:
-            found[i] = found[i].smaller(_SHRINK)
-    return found
+            scaled[i] = scaled[i].smaller(_SHRINK)
+    return scaled
 
 
 Parts = list[Normal]
@@ -319,8 +330,8 @@ def search(
 
 def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
     bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
-    told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
-    return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
+    listed = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
+    return InvalidInput(f"no signal keeps to the limits (at most {listed}): widen them")
 
 
 def _completed(

@@ -50,8 +50,8 @@ class Hypotheses:
 
 def inertial(model: Model, names: Sequence[str]) -> bool:
     """Whether all these effects and parameters show in the motion only as J / c and G / c, c being the torque gain."""
-    own = model.names_of("")
-    return all(n in own or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
+    plant_names = model.names_of("")
+    return all(n in plant_names or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
 
 
 def checked_names(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ def hypotheses_of(
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
     middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
-    probes = {n: own.at(own.sizes) for n, own in middle.items()}
+    probes = {n: candidate.at(candidate.sizes) for n, candidate in middle.items()}
     if not records:
         truths = [n for n in names if n in sized]
         return _listed(Fits(base, {}, conditions), probes | sized, truths or names)
@@ -117,7 +117,7 @@ class Fits:
     def likely(self) -> list[str]:
         """The rivals that explain a good part of what the best one explains."""
         assert self.deviance is not None
-        gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
+        gains = {n: self.deviance - fit.deviance for n, fit in self.with_rival.items()}
         return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
 
 
@@ -132,8 +132,8 @@ def _fitted(
     samples = Samples(base.model, records, conditions.sensor)
     none = fit_parameters(samples, base.model, base.names, settings=ROUGHLY)
     searched = [n for n in names if n not in sized]
-    found = scores(none, searched) if searched else {}
-    begun = sized | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
+    tested = scores(none, searched) if searched else {}
+    begun = sized | {n: s.best.at(s.sizes) for n, s in tested.items() if s.visible}
     fits = {name: extended(none, [e], ROUGHLY) for name, e in begun.items()}
     after = conditions.after([none, *fits.values()])
     return Fits(Hypothesis(NOTHING, none.model, base.names), fits, after, none.deviance)
@@ -141,14 +141,14 @@ def _fitted(
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str]) -> Hypotheses:
     """The hypotheses, and the pairs to tell apart; a single rival is compared with the model without it."""
-    hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
+    hypotheses = [Hypothesis(name, fit.model, fit.names) for name, fit in fits.with_rival.items()]
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
     pairs = []
-    for truth in (own for own in rivals if own in truths):
-        others = [own for own in rivals if own != truth]
+    for truth in (rival for rival in rivals if rival in truths):
+        others = [rival for rival in rivals if rival != truth]
         before = [None] * len(others) if fits.deviance is None else _evidence(fits, truth, others)
         pairs += [HypothesisPair(truth, *rival) for rival in zip(others, before, strict=True)]
     return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)
@@ -158,10 +158,12 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
     """The evidence for the truth against each rival at its best numbers, on the log at hand and to first order."""
     if truth not in fits.with_rival:
         return [0.0] * len(rivals)
-    effects = {n: own.model.effect_named(n) for n, own in fits.with_rival.items()}
-    found, conditions = fits.with_rival[truth], fits.conditions
-    samples = Samples(found.model, found.samples.records, conditions.sensor)
-    along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)
+    effects = {n: fit.model.effect_named(n) for n, fit in fits.with_rival.items()}
+    true_fit, conditions = fits.with_rival[truth], fits.conditions
+    samples = Samples(true_fit.model, true_fit.samples.records, conditions.sensor)
+    along = Sensitivities(
+        samples, true_fit.model, effects[truth], true_fit.motion, fits.base.names, conditions.disturbances
+    )
     return [float(along.unlike(effects[truth], effects.get(n)).unexplained()[0]) for n in rivals]
 
 
@@ -174,12 +176,12 @@ def with_evidence(pool: Pool, pairs: Sequence[HypothesisPair], within: float = m
     If the first-order evidence is over `within` times the least so far, it stands, and no fit is made.
     """
     first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in pairs]
-    least, found = math.inf, list[HypothesisPair]()
-    for linear, c in sorted(zip(first_order, pairs, strict=True), key=lambda own: own[0]):
+    least, measured = math.inf, list[HypothesisPair]()
+    for linear, c in sorted(zip(first_order, pairs, strict=True), key=lambda pair: pair[0]):
         after = pool.left(c.truth, c.rival) if linear < within * least else linear
         least = min(least, after)
-        found.append(c._replace(after=after))
-    return tuple(found)
+        measured.append(c._replace(after=after))
+    return tuple(measured)
 
 
 def separable(
@@ -192,7 +194,7 @@ def separable(
     signals = random_signals(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
     signals = within_limits(hypotheses, signals, conditions)
     some = [s for s in signals if s.kind in ("steps", "bang-bang")][:1]
-    pool, played, found = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
+    pool, played, decided = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
     for c in pairs:
         if len(pool.hypotheses[c.rival].names) > len(pool.hypotheses[c.truth].names):
             # at a kink linearisation does not see that the truth is a special case of the rival: a fit does
@@ -201,12 +203,12 @@ def separable(
             alone, against = (pool.unlike(c.truth, other).unexplained() for other in (NOTHING, c.rival))
             apart = bool(np.any(against > STRUCTURAL * alone))
         if apart:
-            found.append(c)
-    return tuple(found)
+            decided.append(c)
+    return tuple(decided)
 
 
 def indistinguishable(pairs: Sequence[HypothesisPair], apart: Sequence[HypothesisPair]) -> dict[str, str]:
     """Each hypothesis that no torque tells from an earlier one, with that one."""
-    order, told = list(dict.fromkeys(c.truth for c in pairs)), {frozenset((c.truth, c.rival)) for c in apart}
-    equal = (c for c in reversed(pairs) if frozenset((c.truth, c.rival)) not in told)
+    order, separated = list(dict.fromkeys(c.truth for c in pairs)), {frozenset((c.truth, c.rival)) for c in apart}
+    equal = (c for c in reversed(pairs) if frozenset((c.truth, c.rival)) not in separated)
     return {c.truth: c.rival for c in equal if c.rival in order[: order.index(c.truth)]}

@@ -135,14 +135,14 @@ class Signal:
     def sentence(self, plant: Plant) -> str:
         """What to do, as an order, in the plant's units."""
         peak = f"{self.amplitude:.3g} {plant.unit('N m')}"
-        told = {
+        order = {
             "steps": f"play held steps of {self.hold:.2g} s, up to +-{peak}",
             "bang-bang": f"switch between +-{peak} at multiples of {self.hold:.2g} s",
             "chirp": f"play a chirp of {peak} from {self.low:.2g} to {self.high:.2g} Hz",
             "multisine": f"play a multisine of up to {peak} and {self.high:.2g} Hz",
             "free swing": f"let it go {abs(self.release):.2g} {plant.unit('rad')} from rest and swing freely",
         }[self.kind]
-        return told + (f", torque off after {self.until:.0%} of the time" if self.until < 1.0 else "")
+        return order + (f", torque off after {self.until:.0%} of the time" if self.until < 1.0 else "")
 
 
 def _longest(limits: Limits, dt: float) -> tuple[float, float, float, float]:
@@ -156,11 +156,11 @@ def random_signals(rng: np.random.Generator, limits: Limits, dt: float, count: i
     swings = swings and limits.release > 0.0
     driven = [k for k in KINDS if k != "free swing"]
     shortest, longest, lowest, highest = _longest(limits, dt)
-    found = []
+    signals = []
     for i in range(count):
         free = swings and i < min(_FREE_SWINGS, count // 4)
         low, high = np.sort(np.exp(rng.uniform(math.log(lowest), math.log(highest), 2)))
-        found.append(
+        signals.append(
             Signal(
                 kind="free swing" if free else driven[i % len(driven)],
                 amplitude=limits.u_max * math.exp(rng.uniform(math.log(0.2), 0.0)),
@@ -172,7 +172,7 @@ def random_signals(rng: np.random.Generator, limits: Limits, dt: float, count: i
                 seed=int(rng.integers(2**31)),
             )
         )
-    return found
+    return signals
 
 
 def vary(signal: Signal, rng: np.random.Generator, limits: Limits, dt: float) -> Signal:

@@ -137,8 +137,10 @@ def _after(conditions: Conditions, estimate: Estimate, records: Sequence[Record]
     if records:
         samples = Samples(estimate.model, records, conditions.sensor)
         return conditions.after([fit_parameters(samples, estimate.model, (), settings=ROUGHLY)])
-    told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
-    louder = conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
+    assumed = {c: getattr(conditions.sensor, c) for c in estimate.noise}
+    louder = conditions.louder(
+        {c: max(1.0, sd / assumed[c]) for c, sd in estimate.noise.items() if assumed[c] is not None}
+    )
     if louder.much_louder(conditions) or not estimate.random_torque:
         return louder
     s = estimate.random_torque / float(estimate.model.inertia())
@@ -186,14 +188,14 @@ def limits_of(records: Sequence[Record], model: Model) -> Limits:
 # ---- telling rivals apart --------------------------------------------------------------------------------------------
 
 
-def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
-    hypotheses, conditions = found.hypotheses, found.conditions
-    if found.absorbed:
-        return non_torque_experiment(hypotheses[-1].model, found.absorbed)
-    apart = separable(hypotheses, found.pairs, conditions, rng)
+def _telling(fitted: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
+    hypotheses, conditions = fitted.hypotheses, fitted.conditions
+    if fitted.absorbed:
+        return non_torque_experiment(hypotheses[-1].model, fitted.absorbed)
+    apart = separable(hypotheses, fitted.pairs, conditions, rng)
     if not apart:
         return non_torque_experiment(hypotheses[0].model, names)
-    same = indistinguishable(found.pairs, apart)
+    same = indistinguishable(fitted.pairs, apart)
     asked = tuple(c for c in apart if c.truth not in same and c.rival not in same)
     notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
     pool = _best(hypotheses, asked, conditions, rng)
@@ -238,14 +240,14 @@ def _told(pool: Pool, pairs: tuple[HypothesisPair, ...], notes: Sequence[str]) -
         return Experiment("none", description, shown, before=before, pairs=pairs)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
-    told = "; ".join((sentence, *notes))
-    return _played(pool, told, separates=shown, measure="evidence", before=before, after=after, pairs=pairs)
+    worth = "; ".join((sentence, *notes))
+    return _played(pool, worth, separates=shown, measure="evidence", before=before, after=after, pairs=pairs)
 
 
-def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
+def _whom(shown: tuple[str, ...], pairs: set[frozenset[str]]) -> str:
     """Who is told from whom: all of them apart, or pair by pair."""
-    if len(shown) == 2 or len(told) < len(shown) * (len(shown) - 1) // 2:
-        return " and ".join(" from ".join(h for h in shown if h in pair) for pair in sorted(told, key=sorted))
+    if len(shown) == 2 or len(pairs) < len(shown) * (len(shown) - 1) // 2:
+        return " and ".join(" from ".join(h for h in shown if h in pair) for pair in sorted(pairs, key=sorted))
     return f"{', '.join(shown)} apart"
 
 
@@ -275,22 +277,22 @@ def _narrowing(
             f"torque within these limits makes it narrower than +-{after:.2g} {unit}: widen them."
         )
         return Experiment("none", sentence, names, "interval", before, widest=names[k])
-    told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
-    told += "" if before is None else f" where this log had +-{before:.2g}"
-    return _played(pool, told, separates=names, measure="interval", before=before, after=after, widest=names[k])
+    worth = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
+    worth += "" if before is None else f" where this log had +-{before:.2g}"
+    return _played(pool, worth, separates=names, measure="interval", before=before, after=after, widest=names[k])
 
 
 def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.random.Generator) -> Experiment:
     names, goal = known.names, expected_cost(cost, known.covariance)
     pool = search(goal, [Hypothesis("model", known.model, names)], conditions, rng)[0]
-    told = pool.precision().together()
-    before, after = float(np.trace(cost @ known.covariance)), -float(goal.value([told])[0])
+    normal = pool.precision().together()
+    before, after = float(np.trace(cost @ known.covariance)), -float(goal.value([normal])[0])
     sentence = f"it lowers what the errors of {', '.join(names)} are expected to cost from {before:.2g} to {after:.2g}"
-    return _played(pool, sentence, separates=names, measure="cost", before=before, after=after, information=told.F[0])
+    return _played(pool, sentence, separates=names, measure="cost", before=before, after=after, information=normal.F[0])
 
 
-def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
-    """The experiment that plays a pool's signals, as its first hypothesis predicts it; `told` says what it is worth."""
+def _played(pool: Pool, worth: str, **answer: Any) -> Experiment:
+    """The experiment that plays a pool's signals, as its first hypothesis predicts it; `worth` says what it tells."""
     plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
     kinds = {s.kind for s in pool.signals}
     orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))
@@ -299,4 +301,4 @@ def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
     theta, theta_dot = np.moveaxis(pool.states[0], -1, 0)
     reach = float(np.max(np.abs(pool.states[..., 0] - pool.rest)))
     motion = {"u": pool.u, "dt": pool.model.dt, "theta": theta, "theta_dot": theta_dot, "reach": reach}
-    return Experiment(kind, f"{what}: {told}.", unit=plant.unit("rad"), **motion, **answer)
+    return Experiment(kind, f"{what}: {worth}.", unit=plant.unit("rad"), **motion, **answer)

@@ -43,8 +43,8 @@ def non_torque_experiment(model: Model, names: Sequence[str], after: float | Non
     if "back_emf" in names:
         others = " or ".join(n for n in names if n != "back_emf") or "viscous"
         let_go = "push the joint and let it coast" if rest_angle(model) == 0.0 else "let it go and swing freely"
-        told = f"what brakes it then is {others}, and what is missing beside a driven log is back_emf"
-        return Experiment("none", f"switch the driver off, {let_go}: {told}.", names)
+        sentence = f"what brakes it then is {others}, and what is missing beside a driven log is back_emf"
+        return Experiment("none", f"switch the driver off, {let_go}: {sentence}.", names)
     if inertial(model, names):
         return _weighed(model, names)
     for pair, answer in _ANSWERS.items():
@@ -52,8 +52,8 @@ def non_torque_experiment(model: Model, names: Sequence[str], after: float | Non
             return Experiment("none", f"no torque tells {' from '.join(pair)}: {answer}.", names)
     apart = f"{names[0]} from {' and '.join(names[1:]) or 'the rest of the model'}"
     if after is not None:
-        told = f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
-        return Experiment("none", told, names)
+        sentence = f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
+        return Experiment("none", sentence, names)
     return Experiment("none", f"no torque tells {apart}: another sensor is needed.", names)
 
 
@@ -72,8 +72,8 @@ def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
     unknown = (*plant, *(model.names_of(name)[0] for name in added))
     parts, labour = any(name != TorqueGain.name for name in added), list[str]()
     if parts and "m" not in plant:
-        told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
-        return Experiment("none", told, unknown)
+        sentence = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+        return Experiment("none", sentence, unknown)
     if parts:
         labour.append("weigh the moving part (m)")
     if TorqueGain.name in added or "g" in plant or not parts:
@@ -82,8 +82,8 @@ def _weighed(model: Model, names: tuple[str, ...]) -> Experiment:
         place = hung if model.plant.turns else f"load it with {mass:g} kg"
         labour.append(f"{place}, and play the same with it and without")
     others = " and ".join(n for n in unknown if not (parts and n == "m")) or "the rest"
-    told = f"{' and '.join(labour)}: then the motion shows {others}, which no torque alone tells apart."
-    return Experiment("none", told, unknown)
+    sentence = f"{' and '.join(labour)}: then the motion shows {others}, which no torque alone tells apart."
+    return Experiment("none", sentence, unknown)
 
 
 def payload(model: Model) -> tuple[float, float]:

@@ -73,8 +73,8 @@ def plot_comparison(answer: Comparison) -> Figure:
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 draw_over(torque, name, axes)
         panels = bottom.subplots(len(channels) + 1, len(answer.worst), squeeze=False, sharex="col")
-        for found, column in zip(answer.worst, panels.T, strict=True):
-            window_panels(found, channels, list(column))
+        for window, column in zip(answer.worst, panels.T, strict=True):
+            window_panels(window, channels, list(column))
         bottom.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -92,13 +92,13 @@ def errors(answer: Comparison, axes: Axes) -> None:
     style.legend_above(axes)
 
 
-def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: Sequence[str]) -> None:
+def state_maps(torques: Sequence[ResidualTorque], panels: Sequence[Axes], titles: Sequence[str]) -> None:
     """The mean residual torque over the states, all on one scale; a dot: beyond 99 % of what noise explains."""
-    seen, units = np.concatenate([np.abs(own.map.torque[np.isfinite(own.map.torque)]) for own in found]), found[0].units
+    seen, units = np.concatenate([np.abs(r.map.torque[np.isfinite(r.map.torque)]) for r in torques]), torques[0].units
     reach = float(np.quantile(seen, 0.95)) if np.any(seen) else 0.0
     norm = TwoSlopeNorm(0.0, -reach or -1.0, reach or 1.0)
-    for own, axes, title in zip(found, panels, titles, strict=True):
-        image = _cells(own.map, axes, norm, units)
+    for torque, axes, title in zip(torques, panels, titles, strict=True):
+        image = _cells(torque.map, axes, norm, units)
         axes.set_title(title, fontweight="normal")
     panels[0].set_ylabel(style.label("theta_dot", units))
     bar = panels[0].figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
@@ -107,12 +107,14 @@ def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: 
     bar.set_ticks(MaxNLocator(5) if reach else [0.0])
 
 
-def _cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
+def _cells(torque_map: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
     """The cells of a map and its dots."""
     axes.set_facecolor("0.93")
-    image = axes.pcolormesh(found.theta, found.theta_dot, found.torque.T, cmap="PuOr", norm=norm, rasterized=True)
-    i, j = np.nonzero(found.significant)
-    middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (found.theta, found.theta_dot)]
+    image = axes.pcolormesh(
+        torque_map.theta, torque_map.theta_dot, torque_map.torque.T, cmap="PuOr", norm=norm, rasterized=True
+    )
+    i, j = np.nonzero(torque_map.significant)
+    middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (torque_map.theta, torque_map.theta_dot)]
     axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
     axes.set_xlabel(style.state_label("theta", units))
     return image
@@ -123,9 +125,9 @@ def binned_torque(
 ) -> None:
     """The mean residual torque over one quantity with its 99 % band, after and before; `mark`: where it peaks."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
-    for found, colour in ((before, style.ORANGE), (torque, style.BLUE)):
-        if found is not None:
-            mean(axes, found.over(name), colour)
+    for residual, colour in ((before, style.ORANGE), (torque, style.BLUE)):
+        if residual is not None:
+            mean(axes, residual.over(name), colour)
     if mark and torque.present:
         axes.axvspan(*torque.over(name).peak, color=style.YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
     axes.set_xlabel(style.state_label(name, torque.units))
@@ -145,11 +147,11 @@ def draw_over(torque: ResidualTorque, name: str, axes: Axes) -> None:
     axes.set_title(f"over {quantity(name, torque.units)}{tells}")
 
 
-def mean(axes: Axes, found: Binned, colour: str) -> None:
+def mean(axes: Axes, binned: Binned, colour: str) -> None:
     """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
-    seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
-    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
-    style.banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
+    seen = np.isfinite(binned.mean) & (binned.count >= 0.002 * binned.count.sum())
+    middle, half = 0.5 * (binned.edges[1:] + binned.edges[:-1])[seen], SIGMA_99 * binned.sd[seen]
+    style.banded(axes, middle, binned.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
 
 
 def over_time(
@@ -187,12 +189,14 @@ def shade(axes: Axes, contacts: Sequence[Contact], record: str, shift: float = 0
 def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
     """Autocorrelation of the filter's innovations, by channel."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
-    for k, (channel, found) in enumerate(answer.whiteness.items()):
+    for k, (channel, whiteness) in enumerate(answer.whiteness.items()):
         if k == 0:
-            axes.fill_between(found.lags, -found.band, found.band, color="0.88", linewidth=0.0, label="99 % band")
-        said = f"{style.SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}"
-        axes.plot(found.lags, found.correlation, markersize=3.5, label=said, **style.LOOK[channel])
-    half = 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1)
+            axes.fill_between(
+                whiteness.lags, -whiteness.band, whiteness.band, color="0.88", linewidth=0.0, label="99 % band"
+            )
+        said = f"{style.SYMBOL[answer.units['theta']][channel]}  {chance(whiteness.p_value)}"
+        axes.plot(whiteness.lags, whiteness.correlation, markersize=3.5, label=said, **style.LOOK[channel])
+    half = 3.0 * max((float(np.max(whiteness.band)) for whiteness in answer.whiteness.values()), default=0.1)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -half), max(high, half))
     axes.set_xlabel("lag [samples]")
@@ -202,26 +206,26 @@ def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
         style.legend_above(axes)
 
 
-def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
+def window_panels(window: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
     """One window: under each other the channels, readings as dots and the model as a line, and the command."""
     for channel, axes in zip(channels, panels, strict=False):
-        if channel not in found.readings:
+        if channel not in window.readings:
             axes.set_axis_off()
             continue
-        axes.plot(found.t, found.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-        axes.plot(found.t, found.model[channel], color=style.LOOK[channel]["color"], linewidth=1.6, label="model")
-        axes.set_ylabel(style.label(channel, found.units))
-    command(found, panels[-1])
-    title = f"{style.short(found.record)}: {typeset_multiple(found.ratio)} x the noise"
+        axes.plot(window.t, window.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
+        axes.plot(window.t, window.model[channel], color=style.LOOK[channel]["color"], linewidth=1.6, label="model")
+        axes.set_ylabel(style.label(channel, window.units))
+    command(window, panels[-1])
+    title = f"{style.short(window.record)}: {typeset_multiple(window.ratio)} x the noise"
     panels[0].set_title(title, fontweight="normal")
-    panels[-1].set_xlabel(style.label("time", found.units))
+    panels[-1].set_xlabel(style.label("time", window.units))
 
 
-def command(found: Prediction, axes: Axes) -> None:
+def command(window: Prediction, axes: Axes) -> None:
     """What the machine was told, held from sample to sample."""
-    axes.step(found.t, found.command, where="post", color="0.3", linewidth=1.0)
-    name = quantity("torque", found.units) if found.command_unit == found.units["torque"] else "command"
-    axes.set_ylabel(f"{name} [{found.command_unit}]")
+    axes.step(window.t, window.command, where="post", color="0.3", linewidth=1.0)
+    name = quantity("torque", window.units) if window.command_unit == window.units["torque"] else "command"
+    axes.set_ylabel(f"{name} [{window.command_unit}]")
 
 
 # ---- the error -------------------------------------------------------------------------------------------------------
@@ -359,12 +363,12 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
     return ((style.ORANGE, "--", 1.4), (style.BLUE, "-", 1.6))[-count:]
 
 
-def window_figure(found: Prediction) -> Figure:
+def window_figure(window: Prediction) -> Figure:
     """One window of a comparison: its channels and the command, under each other."""
-    channels = list(found.readings)
+    channels = list(window.readings)
     with style.styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
-        window_panels(found, channels, list(panels))
+        window_panels(window, channels, list(panels))
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.align_ylabels(panels)
     return figure
@@ -373,9 +377,9 @@ def window_figure(found: Prediction) -> Figure:
 # ---- the map of the states -------------------------------------------------------------------------------------------
 
 
-def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
+def maps(torques: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
     """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    with style.styled(WIDE if len(found) > 1 else NARROW, 3.0) as figure:
-        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        state_maps(found, list(panels), titles)
+    with style.styled(WIDE if len(torques) > 1 else NARROW, 3.0) as figure:
+        panels = figure.subplots(1, len(torques), sharey=True, squeeze=False)[0]
+        state_maps(torques, list(panels), titles)
     return figure

@@ -84,8 +84,12 @@ def horizon_table(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
     units = next(iter(errors[0].values())).units
     for channel in next(iter(errors[0].values())).ratios:
         heads += [f"{quantity(channel, units)} [{units[channel]}]", f"{TIMES} noise"]
-        columns.append([_to([f"{getattr(own[label], channel):.2g}" for own in errors]) for label in errors[0]])
-        columns.append([_to([typeset_multiple(own[label].ratios[channel]) for own in errors]) for label in errors[0]])
+        columns.append(
+            [_to([f"{getattr(by_length[label], channel):.2g}" for by_length in errors]) for label in errors[0]]
+        )
+        columns.append(
+            [_to([typeset_multiple(by_length[label].ratios[channel]) for by_length in errors]) for label in errors[0]]
+        )
     rows = [[label, *(c[k] for c in columns)] for k, label in enumerate(errors[0])]
     return Table("Errors by horizon", tuple(heads), rows, "The state of every window is refitted.")
 

@@ -165,11 +165,11 @@ def _ranking(answer: Diagnosis) -> Section:
 
 
 def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
-    found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
+    torque, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
     whole = sum(map(len, answer.records)) <= MOST_SHOWN
     left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
-    says, what = [found.sentence], quantity("torque", found.units)
+    says, what = [torque.sentence], quantity("torque", torque.units)
     if answer.vibrates:
         says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if answer.shared_error:
@@ -184,16 +184,16 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
         + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
-    draw = partial(figures.over_time, found, before=before, contacts=contacts)
+    draw = partial(figures.over_time, torque, before=before, contacts=contacts)
     pictures = [_panel(draw, caption, wide=True)]
-    for name in sorted(found.binned, key=lambda n: n not in depends_on):
-        share = found.dependence.shares.get(name, 0.0)
+    for name in sorted(torque.binned, key=lambda n: n not in depends_on):
+        share = torque.dependence.shares.get(name, 0.0)
         mark = name in depends_on and share > 0.05
         predicts = (
-            f": functions of it tell {share:.0%} of it on other stretches." if found.present and share > 0.05 else "."
+            f": functions of it tell {share:.0%} of it on other stretches." if torque.present and share > 0.05 else "."
         )
-        caption = f"Over {quantity(name, found.units)}{predicts}{' Yellow: where it is largest.' * mark}"
-        pictures.append(_panel(partial(figures.binned_torque, found, name, before=before, mark=mark), caption))
+        caption = f"Over {quantity(name, torque.units)}{predicts}{' Yellow: where it is largest.' * mark}"
+        pictures.append(_panel(partial(figures.binned_torque, torque, name, before=before, mark=mark), caption))
     title = f"The {what} that no known effect explains" if unknown else f"{what.capitalize()} beyond the model"
     return Section(title, tuple(says), tuple(pictures))
 
@@ -287,7 +287,7 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     caption = "Error over windows of every length, the state refitted in each."
     yield Section("How far off", (), (_panel(partial(figures.errors, answer), caption, wide=True),))
     worst = zip(answer.worst, map(place_of_window, answer.one_second.worst), strict=True)
-    pictures = tuple(picture(figures.window_figure(found), where, wide=False) for found, where in worst)
+    pictures = tuple(picture(figures.window_figure(window), where, wide=False) for window, where in worst)
     yield Section("The worst windows", (), pictures, small=True)
     if (torque := answer.torque) is None:
         return

@@ -106,11 +106,11 @@ class Workbench:
             if Path(title).suffix.lower() not in ENDINGS:
                 raise InvalidInput(f"{title}: expected a file that ends in {', '.join(ENDINGS)}")
         try:
-            found = [base64.b64decode(content.partition(",")[2], validate=True) for content in contents]
+            decoded = [base64.b64decode(content.partition(",")[2], validate=True) for content in contents]
         except (binascii.Error, ValueError):
             raise InvalidInput("what came is no file: expected a log") from None
         session = self.sessions.new(Path(titles[0]).stem[:LONGEST_TITLE])
-        files = [session.keep_file(k, *own) for k, own in enumerate(zip(titles, found, strict=True), start=1)]
+        files = [session.keep_file(k, *file) for k, file in enumerate(zip(titles, decoded, strict=True), start=1)]
         session.change(log=LogOptions(tuple(files)))
         log_part.settle_columns(session)
         return session
@@ -153,14 +153,14 @@ class Workbench:
             return
         self.jobs.begin(session, session.add_node(Node(state.at, effect)))
 
-    def try_own(self, session: Session, own: OwnEffect) -> None:
+    def try_own(self, session: Session, effect: OwnEffect) -> None:
         """Add an effect that the user wrote; raises InvalidInput where it is none."""
-        own.checked()
+        effect.checked()
         state = session.state
-        if own not in state.own and any(node.added == own.name for node in state.nodes):
-            raise InvalidInput(f"another {own.name!r} was added before: give this one another name")
-        session.change(own=(*(o for o in state.own if o.name != own.name), own))
-        self.add(session, own.name)
+        if effect not in state.own and any(node.added == effect.name for node in state.nodes):
+            raise InvalidInput(f"another {effect.name!r} was added before: give this one another name")
+        session.change(own=(*(o for o in state.own if o.name != effect.name), effect))
+        self.add(session, effect.name)
 
     def go(self, session: Session, node: int | None) -> None:
         """Look at another model of the history; the form shows the settings that it was made with."""
@@ -202,14 +202,16 @@ class Workbench:
         state = session.state
         shown = {name: session.shown(name) for name in (Answer.FAILS, Answer.EFFECTS)}
         fails, effects = ((state.at, node, _changed(session, node, name)) for name, node in shown.items())
-        own = [_changed(session, state.at, n) for n in (Answer.MODEL, Answer.EXPORTED, Answer.REPORT, Answer.PLANNED)]
+        answers = [
+            _changed(session, state.at, n) for n in (Answer.MODEL, Answer.EXPORTED, Answer.REPORT, Answer.PLANNED)
+        ]
         known = [_changed(session, k, Answer.FAILS) for k in range(len(state.nodes))]
         rests_on: dict[str, Any] = {
             "log": (state.title, state.path(state.at)[:1], state.log.joint),
             "fails": fails,
             "effects": effects,
             "ladder": (state.at, state.nodes, known),
-            "take": (state.at, own),
+            "take": (state.at, answers),
             "train": (fails, _changed(session, state.at, Answer.TRAINING), self.trainings.running(session)),
         }
         return {part: f"{session.identifier} {rests_on[part]}" for part in STAMPED}
@@ -248,19 +250,21 @@ class Workbench:
         if name == "ladder":
             state = session.state
             known = [session.read(k, Answer.FAILS) for k in range(len(state.nodes))]
-            return layout.ladder_part(state, [None if found is None else found["ratio"] for found in known])
+            return layout.ladder_part(
+                state, [None if comparison is None else comparison["ratio"] for comparison in known]
+            )
         return layout.take_part(session) if name == "take" else layout.training_part(session, self.trainings)
 
     def _answers(self, name: str, session: Session, node: int) -> html.Div:
         """Where a model fails, or what it is missing; dimmed where it is not the one that is looked at."""
         live, own_effects = node == session.state.at, session.state.own
-        found, known = session.read(node, Answer.FAILS), session.read(node, Answer.EFFECTS)
+        comparison, known = session.read(node, Answer.FAILS), session.read(node, Answer.EFFECTS)
         if name == "fails":
-            shown = layout.fails(found, figures.series(session.of(node) / Answer.SERIES))
+            shown = layout.fails(comparison, figures.series(session.of(node) / Answer.SERIES))
         else:
-            own = own_effects[-1] if own_effects else suggested(found)
-            error = None if found is None else found["ratio"]
-            shown = [*layout.effects(known, error, live), *layout.own_effect(own, known, live)]
+            effect = own_effects[-1] if own_effects else suggested(comparison)
+            error = None if comparison is None else comparison["ratio"]
+            shown = [*layout.effects(known, error, live), *layout.own_effect(effect, known, live)]
         return html.Div(shown, className="" if live else "before")
 
     def marked(

@@ -26,9 +26,9 @@ IDLE_INTERVAL = 3_000
 
 def region_of(plot: str, chosen: Mapping[str, Any] | None, over: str) -> dict[str, tuple[float, float]]:
     """The ranges of quantities that a selection in a plot means."""
-    found = (chosen or {}).get("range") or {}
-    x = next((v for k, v in found.items() if k.startswith("x")), None)
-    y = next((v for k, v in found.items() if k.startswith("y")), None)
+    ranges = (chosen or {}).get("range") or {}
+    x = next((v for k, v in ranges.items() if k.startswith("x")), None)
+    y = next((v for k, v in ranges.items() if k.startswith("y")), None)
     if x is None:
         return {}
     if plot == "course":
@@ -44,7 +44,7 @@ def session_name(search: str | None) -> str | None:
 
 def pressed_button() -> Mapping[str, Any] | None:
     """The button that was pressed; the same request may tell of buttons that were just drawn, which have no click."""
-    clicks = {told["prop_id"]: told["value"] for told in ctx.triggered}
+    clicks = {trigger["prop_id"]: trigger["value"] for trigger in ctx.triggered}
     return next((button for name, button in ctx.triggered_prop_ids.items() if clicks[name]), None)
 
 
@@ -65,14 +65,14 @@ def zoomed(s: figures.Series, channel: str, moved: Mapping[str, Any] | None) -> 
 def effect_picture(session: Session, effect: str) -> Any:
     """The residual torque over what an effect acts on, with the effect's curve through it."""
     at = session.shown(Answer.EFFECTS)
-    found, known = session.read(at, Answer.FAILS), session.read(at, Answer.EFFECTS)
-    if found is None or known is None or at is None:
+    comparison, known = session.read(at, Answer.FAILS), session.read(at, Answer.EFFECTS)
+    if comparison is None or known is None or at is None:
         return figures.blank(200)
     s = figures.series(session.of(at) / Answer.SERIES)
     curve = next(r["torque"] for r in known["rows"] if r["effect"] == effect)
     if curve["over"] == "time":
-        return figures.torque_over_time(found, s, curve)
-    return figures.torque_against(found, s, curve["over"], curve)
+        return figures.torque_over_time(comparison, s, curve)
+    return figures.torque_against(comparison, s, curve["over"], curve)
 
 
 # ---- joined to the page ----------------------------------------------------------------------------------------------
@@ -90,78 +90,78 @@ class PageCallbacks:
 
     def look(self, _: Any, search: str | None, __: Any, *seen: str | None) -> list[Any]:
         """What is new: stamps of the parts, what is under way, and when to ask again."""
-        own, name = self.session(search), session_name(search)
-        if own is not None:
-            self.bench.resume(own)
-        now, stamps = self.bench.work(own), self.bench.stamps(own)
-        if own is None and name:
+        session, name = self.session(search), session_name(search)
+        if session is not None:
+            self.bench.resume(session)
+        now, stamps = self.bench.work(session), self.bench.stamps(session)
+        if session is None and name:
             now = html.P(self.bench.sessions.refusal(name), className="error")
         new = [no_update if stamps[p] == s else stamps[p] for p, s in zip(STAMPED, seen, strict=True)]
-        return [*new, now, BUSY_INTERVAL if own is not None and self.bench.busy(own) else IDLE_INTERVAL]
+        return [*new, now, BUSY_INTERVAL if session is not None and self.bench.busy(session) else IDLE_INTERVAL]
 
     def part(self, name: str, _: Any, search: str | None) -> Any:
         return self.bench.part(name, self.session(search))
 
     def act(self, *given: Any) -> tuple[Any, Any]:
         """A button was pressed; what cannot be done is said where work is shown."""
-        clicked, own = pressed_button(), self.session(given[-1])
+        clicked, session = pressed_button(), self.session(given[-1])
         if clicked is None:
             return no_update, no_update
         fields = {state["id"]["field"]: state.get("value") for state in ctx.states_list[0]}
         try:
-            shown = self.bench.do(own, clicked, fields)
+            shown = self.bench.do(session, clicked, fields)
         except InvalidInput as error:
-            shown = own
-            if own is not None:
-                self.bench.messages[own.identifier] = str(error)
-        address = no_update if shown == own else f"?session={shown.identifier}" if shown else "?"
+            shown = session
+            if session is not None:
+                self.bench.messages[session.identifier] = str(error)
+        address = no_update if shown == session else f"?session={shown.identifier}" if shown else "?"
         return f"{clicked} {time.time()}", address
 
     def unfold(self, clicks: int | None, search: str | None) -> Any:
         """A row shows its picture."""
-        own = self.session(search)
-        if not clicks or own is None:
+        session = self.session(search)
+        if not clicks or session is None:
             return no_update
-        return layout.graph(effect_picture(own, ctx.triggered_id["effect"]))
+        return layout.graph(effect_picture(session, ctx.triggered_id["effect"]))
 
     def point(
         self, course: Any, states: Any, over: Any, moved: Any, channel: str, what: str, search: str | None
     ) -> list[Any]:
         """A region was selected, the time was zoomed, or another quantity was chosen."""
-        own, by = self.session(search), ctx.triggered_id
-        at = None if own is None else own.shown(Answer.FAILS)
-        if own is None or at is None:
+        session, by = self.session(search), ctx.triggered_id
+        at = None if session is None else session.shown(Answer.FAILS)
+        if session is None or at is None:
             return [no_update] * 3
-        found, s = own.read(at, Answer.FAILS), figures.series(own.of(at) / Answer.SERIES)
+        comparison, s = session.read(at, Answer.FAILS), figures.series(session.of(at) / Answer.SERIES)
         if by == "channel":
-            return [figures.residual_over_time(found, s, channel), no_update, no_update]
+            return [figures.residual_over_time(comparison, s, channel), no_update, no_update]
         if by == "over-what":
-            return [no_update, no_update, figures.torque_against(found, s, what)]
+            return [no_update, no_update, figures.torque_against(comparison, s, what)]
         if ctx.triggered[0]["prop_id"].endswith("relayoutData"):
             patch = zoomed(s, channel, moved)
             return [no_update if patch is None else patch, no_update, no_update]
         chosen = {"course": course, "map": states, "over": over}[by]
-        return self.bench.marked(own, region_of(by, chosen, what), channel, what)
+        return self.bench.marked(session, region_of(by, chosen, what), channel, what)
 
     def settings(self, *given: Any) -> Any:
         """How the log is read was changed, or is shown for the first time."""
         *values, search = given
-        own = self.session(search)
-        if own is None:
+        session = self.session(search)
+        if session is None:
             return no_update
         if ctx.triggered_id is not None:
-            log_part.change(own, dict(zip(SETTINGS, values, strict=True)))
-        return log_part.previewed(preview(own))
+            log_part.change(session, dict(zip(SETTINGS, values, strict=True)))
+        return log_part.previewed(preview(session))
 
     def move(self, at: float | None, hovered: Any, search: str | None) -> tuple[Any, Any]:
         """The cursor moves along the log, and the machine with it."""
-        own = self.session(search)
-        if own is None:
+        session = self.session(search)
+        if session is None:
             return no_update, no_update
         if ctx.triggered_id == "readings" and hovered:
             at = float(hovered["points"][0]["x"])
         arm, line = Patch(), Patch()
-        arm["data"][0]["x"], arm["data"][0]["y"] = log_part.arm(preview(own), at or 0.0)
+        arm["data"][0]["x"], arm["data"][0]["y"] = log_part.arm(preview(session), at or 0.0)
         for shape in range(2):
             line["layout"]["shapes"][shape]["x0"] = line["layout"]["shapes"][shape]["x1"] = at
         return arm, line

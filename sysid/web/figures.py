@@ -112,9 +112,9 @@ READ, SAID, LOW, BAND, D, MARKS_ABOVE, MARKS_BELOW = range(7)
 """The traces of `course`, in their order."""
 
 
-def residual_over_time(found: Mapping[str, Any], s: Series, channel: str) -> go.Figure:
+def residual_over_time(comparison: Mapping[str, Any], s: Series, channel: str) -> go.Figure:
     """Measured against simulated, and the residual torque with its band below, on one axis of time."""
-    units = found["quantities"]
+    units = comparison["quantities"]
     figure = two_rows(380, vertical_spacing=0.06, row_heights=[0.58, 0.42])
     figure.update_layout(showlegend=True, selectdirection="h")
     edge: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
@@ -129,11 +129,11 @@ def residual_over_time(found: Mapping[str, Any], s: Series, channel: str) -> go.
         figure.add_scatter(**line, mode="lines", **style, row=row, col=1)
     for row in (1, 2):
         figure.add_scatter(x=[], y=[], **_marks(), row=row, col=1)
-    for place in found["rollouts"]:
+    for place in comparison["rollouts"]:
         for low, high in place["unseen"]:
             figure.add_vrect(x0=low, x1=high, fillcolor=GREEN, opacity=0.07, line_width=0, layer="below")
     figure.update_yaxes(title=axis_title(channel, units), row=1)
-    figure.update_yaxes(title=f"residual [{units['torque']}]", row=2, range=_residual_range(found, 1.5))
+    figure.update_yaxes(title=f"residual [{units['torque']}]", row=2, range=_residual_range(comparison, 1.5))
     figure.update_xaxes(title="time [s], rollout after rollout", row=2)
     return figure
 
@@ -142,22 +142,22 @@ def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = n
     """The series of `course` in its order, thinned within a stretch of time."""
     d, half = s["residual_torque"], SIGMA_99 * s["residual_torque_sd"]
     read, said = (np.where(np.isnan(d), np.nan, s[f"{channel}_{of}"]) for of in ("read", "predicted"))
-    found = []
+    lines = []
     for k, line in enumerate((read, said, d - half, d + half, d)):  # nan at a rollout's last sample, where lines end
         t, y = thinned(s["t"], line, MOST_POINTS if k < LOW else MOST_POINTS // 2, begin, end)
-        found.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
-    return found
+        lines.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
+    return lines
 
 
 def _marks() -> dict[str, Any]:
     return {"mode": "markers", "marker": {"color": YELLOW, "size": 4}, "hoverinfo": "skip", "showlegend": False}
 
 
-def state_map(found: Mapping[str, Any], s: Series) -> go.Figure:
+def state_map(comparison: Mapping[str, Any], s: Series) -> go.Figure:
     """The mean residual torque over angle and speed, and the samples as dots that can be selected."""
-    units, cells = found["quantities"], found["torque"]["map"]
+    units, cells = comparison["quantities"], comparison["torque"]["map"]
     z = np.array(cells["torque"], dtype=float).T
-    reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
+    reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * comparison["reach"])
     figure, at = blank(270, axis_title("theta", units), axis_title("theta_dot", units)), _dots(s)
     figure.add_heatmap(
         x=cells["theta"], y=cells["theta_dot"], z=z, zmin=-reach or -1.0, zmax=reach or 1.0, colorscale=DIVERGING,
@@ -177,13 +177,15 @@ def _dots(s: Series) -> NDArray[np.intp]:
     return np.linspace(0, n - 1, min(n, DOTS)).astype(np.intp)
 
 
-def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None) -> go.Figure:
+def torque_against(
+    comparison: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None
+) -> go.Figure:
     """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
-    units, at = found["quantities"], _dots(s)
+    units, at = comparison["quantities"], _dots(s)
     figure = blank(270, axis_title(name, units), f"residual {axis_title('torque', units)}")
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
     figure.add_scatter(x=s[name][at], y=s["residual_torque"][at], mode="markers", marker=dots, hoverinfo="skip")
-    means = found["torque"]["over"][name]
+    means = comparison["torque"]["over"][name]
     mean, sd, edges, count = (np.array(means[k], dtype=float) for k in ("mean", "sd", "edges", "count"))
     seen = np.isfinite(mean) & (count >= 0.002 * count.sum())
     figure.add_scatter(
@@ -194,21 +196,21 @@ def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mappin
     if curve is not None:
         line = {"color": BLUE, "width": 2.5}
         figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line=line, name="effect")
-    figure.update_yaxes(range=_residual_range(found, 1.15))
+    figure.update_yaxes(range=_residual_range(comparison, 1.15))
     return figure
 
 
-def _residual_range(found: Mapping[str, Any], room: float) -> list[float]:
+def _residual_range(comparison: Mapping[str, Any], room: float) -> list[float]:
     """One scale for all models of a history: that of the first, whose residual is the largest."""
-    reach = room * found["reach"] or 1.0
+    reach = room * comparison["reach"] or 1.0
     return [-reach, reach]
 
 
-def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any]) -> go.Figure:
+def torque_over_time(comparison: Mapping[str, Any], s: Series, curve: Mapping[str, Any]) -> go.Figure:
     """The residual torque over a stretch of time, and an effect's torque through it."""
-    name, places = curve["record"].partition(", ")[0], found["rollouts"]
+    name, places = curve["record"].partition(", ")[0], comparison["rollouts"]
     place = next((p for p in places if p["name"] == name), places[0])
-    shift, torque = place["shift"], axis_title("torque", found["quantities"])
+    shift, torque = place["shift"], axis_title("torque", comparison["quantities"])
     x = np.array(curve["x"]) + shift
     figure = blank(270, f"time [s] of {place['name']}", f"residual {torque}", showlegend=True)
     t, d = thinned(s["t"], s["residual_torque"], 1_500, float(x[0]), float(x[-1]))

@@ -95,11 +95,11 @@ class Jobs(SessionProcesses):
         with self.lock:
             if self.running(session) is not None or (job := self.end(session)) is None:
                 return ""
-            found = session.read(job.node, Answer.ERROR)
-            if found is None and job.process.returncode == 0:
+            error = session.read(job.node, Answer.ERROR)
+            if error is None and job.process.returncode == 0:
                 return ""
             _take_back(session, job.node)
-            return str(found["message"]) if found else "the work ended early: perhaps memory was short"
+            return str(error["message"]) if error else "the work ended early: perhaps memory was short"
 
     def progress(self, session: Session) -> tuple[str, str, float]:
         """What is being done: the part of the work, what of it, and for how long [s]."""
@@ -118,8 +118,8 @@ class Trainings(SessionProcesses):
         if not 0.0 < u_max < 1e6:
             raise InvalidInput(f"the largest command is {u_max:g}: expected one above 0")
         folder = session.of(node)
-        own = folder / Answer.OWN_EFFECTS
-        effects = own if own.is_file() else self.effects
+        own_effects = folder / Answer.OWN_EFFECTS
+        effects = own_effects if own_effects.is_file() else self.effects
         command = ["policies", "train", str(folder / Answer.MODEL), "-o", str(folder / "policy"), "--force"]
         command += ["--u-max", f"{u_max!r}", *more, *(["--effects", str(effects)] if effects else [])]
         self.end(session)

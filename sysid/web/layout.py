@@ -76,43 +76,43 @@ def nothing(part: str) -> html.P:
 
 def folded(summary: str, items: Sequence[Any]) -> list[Any]:
     """A list that is unfolded on a click; nothing where it is empty."""
-    return [html.Details([html.Summary(summary), html.Ul([html.Li(own) for own in items])])] if items else []
+    return [html.Details([html.Summary(summary), html.Ul([html.Li(item) for item in items])])] if items else []
 
 
 # ---- where it fails --------------------------------------------------------------------------------------------------
 
 
-def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
+def fails(comparison: Mapping[str, Any], series: figures.Series) -> list[Any]:
     """How far off the model is, and where."""
-    channels = [c for c in ("theta", "theta_dot") if c in found["errors"]["1_s"]["ratios"]]
-    torque = found["torque"]
+    channels = [c for c in ("theta", "theta_dot") if c in comparison["errors"]["1_s"]["ratios"]]
+    torque = comparison["torque"]
     quantities = [n for n in ("theta", "theta_dot", "torque") if n in torque["over"]]
     first = next((q for q in torque["depends_on"] if q in quantities), quantities[0])
-    called = {name: quantity(name, found["quantities"]) for name in (*channels, *quantities)}
+    called = {name: quantity(name, comparison["quantities"]) for name in (*channels, *quantities)}
     reading = dcc.RadioItems(
         {c: called[c] for c in channels}, channels[0], id="channel", inline=True, className="choice"
     )
     over = dcc.Dropdown({q: called[q] for q in quantities}, first, id="over-what", clearable=False, searchable=False)
     numbers = [
-        f"{n['name']} = {n['said']} {n['unit']}".strip() + " (at its bound)" * (n["name"] in found["at_bound"])
-        for n in found["parameters"]
+        f"{n['name']} = {n['said']} {n['unit']}".strip() + " (at its bound)" * (n["name"] in comparison["at_bound"])
+        for n in comparison["parameters"]
     ]
-    horizons = [name.replace("_", " ") for name in found["errors"]]
-    ratios = [own["ratio"] for own in found["errors"].values()]
+    horizons = [name.replace("_", " ") for name in comparison["errors"]]
+    ratios = [error["ratio"] for error in comparison["errors"].values()]
     plots = (
-        ("Residual by state", graph(figures.state_map(found, series), PLOT, id="map")),
-        (["Residual over ", over], graph(figures.torque_against(found, series, first), PLOT, id="over")),
+        ("Residual by state", graph(figures.state_map(comparison, series), PLOT, id="map")),
+        (["Residual over ", over], graph(figures.torque_against(comparison, series, first), PLOT, id="over")),
         ("Error by horizon", graph(figures.error_bars(horizons, ratios, "predicted over"))),
     )
     return [
-        html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
+        html.P([html.Strong(_multiple(comparison["ratio"])), " times the sensor noise over 1 s of held-out data"],
                className="big"),
-        html.P(found["sentence"], className="quiet"),
-        html.P(f"The fitted model: {', '.join(numbers)} ({found['status']}).",
+        html.P(comparison["sentence"], className="quiet"),
+        html.P(f"The fitted model: {', '.join(numbers)} ({comparison['status']}).",
                className="quiet"),
-        *folded("What was noted on the way", found["notes"]),
+        *folded("What was noted on the way", comparison["notes"]),
         html.Div(reading, role="radiogroup", **{"aria-label": "Which reading is drawn"}),
-        graph(figures.residual_over_time(found, series, channels[0]), PLOT, id="course"),
+        graph(figures.residual_over_time(comparison, series, channels[0]), PLOT, id="course"),
         html.P("Drag over any plot: the same samples light up in the others. Green: what no fit has seen.",
                className="hint"),
         html.Div([html.Figure([html.Figcaption(caption), plot]) for caption, plot in plots], className="plots"),
@@ -126,44 +126,44 @@ def _multiple(ratio: float | None) -> str:
 # ---- what is missing -------------------------------------------------------------------------------------------------
 
 
-def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[Any]:
+def effects(diagnosis: Mapping[str, Any], error: float | None, live: bool) -> list[Any]:
     """The ranked effects, a row each, and what is ruled out; none can be added to a model that is not fitted yet."""
-    rows = [row(own, error, own["effect"] in found["next"], live) for own in found["rows"]]
+    rows = [row(effect, error, effect["effect"] in diagnosis["next"], live) for effect in diagnosis["rows"]]
     more = html.Div(rows[FIRST:], className="rows")
-    together = ["these pay only together: add one, then the other"] if len(found["next"]) > 1 else []
+    together = ["these pay only together: add one, then the other"] if len(diagnosis["next"]) > 1 else []
     ruled_out = [
         [html.Code(name), f" above {size['size']:.2g} {size['unit']} of {size['parameter']}"]
-        for name, size in sorted(found["ruled_out"].items())
+        for name, size in sorted(diagnosis["ruled_out"].items())
     ]
-    others = [[html.Code(o["effect"]), f" {o['formula']}  ({o['chance']})"] for o in found["others"]]
+    others = [[html.Code(o["effect"]), f" {o['formula']}  ({o['chance']})"] for o in diagnosis["others"]]
     return [
-        html.P(next_sentence(found), className="summary"),
-        *(html.P(capital(said) + ".", className="error") for said in found["doubts"]),
-        *(html.P(capital(said) + ".", className="quiet") for said in (*together, *found["remarks"])),
+        html.P(next_sentence(diagnosis), className="summary"),
+        *(html.P(capital(said) + ".", className="error") for said in diagnosis["doubts"]),
+        *(html.P(capital(said) + ".", className="quiet") for said in (*together, *diagnosis["remarks"])),
         html.Div(rows[:FIRST], className="rows"),
         *([html.Details([html.Summary(f"{len(rows) - FIRST} more were fitted"), more])] if rows[FIRST:] else []),
         *folded(f"{len(ruled_out)} effects are ruled out above a size", ruled_out),
         *folded(f"{len(others)} others promise less", others),
-        *folded("What this motion cannot tell apart", [", ".join(group) for group in found["not_identifiable"]]),
+        *folded("What this motion cannot tell apart", [", ".join(group) for group in diagnosis["not_identifiable"]]),
     ]  # fmt: skip
 
 
-def next_sentence(found: Mapping[str, Any]) -> str:
+def next_sentence(diagnosis: Mapping[str, Any]) -> str:
     """What to do next, in a sentence."""
-    names = {r["effect"]: r["words"] for r in found["rows"]}
-    if found["next"]:
-        return f"What pays most: {' and '.join(names.get(n, n) for n in found['next'])}."
-    return capital(str(found["finding"]))
+    names = {r["effect"]: r["words"] for r in diagnosis["rows"]}
+    if diagnosis["next"]:
+        return f"What pays most: {' and '.join(names.get(n, n) for n in diagnosis['next'])}."
+    return capital(str(diagnosis["finding"]))
 
 
-def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> html.Article:
+def row(effect: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> html.Article:
     """An effect: what it is, how large, what it explains, and the button that adds it."""
-    name, share = own["effect"], own["explained"]
+    name, share = effect["effect"], effect["explained"]
     sizes = [
         html.Span([f"{s['name'].rpartition('.')[2]} = {s['said']} ", html.Span(s["unit"], className="unit")])
-        for s in own["sizes"]
+        for s in effect["sizes"]
     ]
-    facts = [f"1 s error {_multiple(error)} → {_multiple(own['error'])}", own["chance"]]
+    facts = [f"1 s error {_multiple(error)} → {_multiple(effect['error'])}", effect["chance"]]
     explained = []
     if share is not None:
         filled, said = html.Span(style={"width": f"{share:.0%}"}), {"role": "img", "aria-label": f"{share:.0%}"}
@@ -178,25 +178,25 @@ def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> 
     )
     return html.Article(
         [
-            html.Div([html.H3([own["words"] or name, html.Code(name)]), add], className="row-head"),
-            html.Div(own["formula"], className="formula"),
+            html.Div([html.H3([effect["words"] or name, html.Code(name)]), add], className="row-head"),
+            html.Div(effect["formula"], className="formula"),
             html.Div(sizes, className="sizes"),
             html.Div([*explained, *(html.Span(fact, className="fact") for fact in facts)], className="facts"),
-            *([html.P(f"This log cannot tell it from {', '.join(own['alike'])}.", className="quiet")]
-              if own["alike"] else []),
+            *([html.P(f"This log cannot tell it from {', '.join(effect['alike'])}.", className="quiet")]
+              if effect["alike"] else []),
             *([html.Details([html.Summary("Its torque through the residual", id={"do": "unfold", "effect": name}),
-                             html.Div(id={"do": "picture", "effect": name})])] if own["torque"] else []),
+                             html.Div(id={"do": "picture", "effect": name})])] if effect["torque"] else []),
         ],
         className="row pays" if pays else "row",
     )  # fmt: skip
 
 
-def own_effect(own: OwnEffect, found: Mapping[str, Any], live: bool) -> list[Any]:
+def own_effect(effect: OwnEffect, diagnosis: Mapping[str, Any], live: bool) -> list[Any]:
     """The editor of the user's own effect, open where no known one explains the rest."""
     fields = (
-        ("name", "name", own.name, "my_effect"),
-        ("formula", "torque =", own.formula, "-b * theta_dot"),
-        ("shapes", "values to try", own.shapes, "w = 0.2, 0.5; c = 3"),
+        ("name", "name", effect.name, "my_effect"),
+        ("formula", "torque =", effect.formula, "-b * theta_dot"),
+        ("shapes", "values to try", effect.shapes, "w = 0.2, 0.5; c = 3"),
     )
     hint = f"Of {', '.join(VARIABLES)} and numbers of your own, with + - * / ** and {', '.join(FUNCTIONS)}."
     return [
@@ -209,7 +209,7 @@ def own_effect(own: OwnEffect, found: Mapping[str, Any], live: bool) -> list[Any
                 html.P(hint, className="hint"),
                 html.Button("Add it", id={"do": "own"}, disabled=not live, **{"aria-label": "Add your own effect"}),
             ],
-            open=not found["next"] and found["verdict"] in ("unknown", "partly"),
+            open=not diagnosis["next"] and diagnosis["verdict"] in ("unknown", "partly"),
             className="own",
         )
     ]  # fmt: skip
@@ -293,13 +293,13 @@ def take_part(session: Session) -> Any:
     if at is None or not session.has(at, Answer.MODEL):
         return nothing("take")
     exported, planned = session.read(at, Answer.EXPORTED) or {}, session.read(at, Answer.PLANNED)
-    found: list[Any] = []
+    links: list[Any] = []
     for file in DOWNLOADS:
-        found += _link(session, at, file)
-        found += folded(f"{file} cannot say all of it", exported.get(file, ()))
+        links += _link(session, at, file)
+        links += folded(f"{file} cannot say all of it", exported.get(file, ()))
     said = [] if planned is None else planned["sentence"].splitlines()
     plan = folded("What the experiment is for", said) or [html.Button("Plan the next experiment", id={"do": "plan"})]
-    return [html.Div(found, className="links"), *plan, *_lines(session, at)]
+    return [html.Div(links, className="links"), *plan, *_lines(session, at)]
 
 
 def _link(session: Session, node: int, file: Answer) -> list[Any]:
@@ -316,7 +316,7 @@ def _lines(session: Session, at: int) -> list[Any]:
     state = session.state
     if (begun := session.read(state.path(at)[0], Answer.BEGUN)) is None:
         return []
-    lines = script(state, begun, at, [own.source() for own in state.own_effects(at)])
+    lines = script(state, begun, at, [effect.source() for effect in state.own_effects(at)])
     copied = [dcc.Clipboard(target_id="lines", className="copy"), html.Pre(lines, id="lines")]
     return [html.Details([html.Summary("The same in Python"), *copied])]
 
@@ -324,15 +324,15 @@ def _lines(session: Session, at: int) -> list[Any]:
 def training_part(session: Session, trainings: Trainings) -> Any:
     """Train a policy on the model that is looked at, and what the training says: its curve, and the optimum."""
     at = session.state.at
-    found = session.read(at, Answer.FAILS)
-    if at is None or found is None:
+    comparison = session.read(at, Answer.FAILS)
+    if at is None or comparison is None:
         return ""
-    if refusal := _no_policy(found):
+    if refusal := _no_policy(comparison):
         return html.P(refusal, className="quiet")
     running, said = trainings.running(session) is not None, session.of(at) / Answer.TRAINING
-    u_max = dcc.Input(id={"field": "u_max"}, type="number", value=_limit(found), min=0)
+    u_max = dcc.Input(id={"field": "u_max"}, type="number", value=_limit(comparison), min=0)
     button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id={"do": "train"})
-    label = f"commands up to [{found['command_unit']}]"
+    label = f"commands up to [{comparison['command_unit']}]"
     return [
         html.H3("A policy for this model"),
         html.Div([html.Label([html.Span(label), u_max]), button], className="field"),
@@ -340,20 +340,20 @@ def training_part(session: Session, trainings: Trainings) -> Any:
     ]
 
 
-def _no_policy(found: Mapping[str, Any]) -> str:
+def _no_policy(comparison: Mapping[str, Any]) -> str:
     """Why no policy can be trained on a model; empty where one can."""
-    if not found["turns"]:
+    if not comparison["turns"]:
         return "A policy swings something up: this model is a linear axis, which does not swing."
-    if found["at_angle"]:
+    if comparison["at_angle"]:
         return (
             "A policy commands a torque, a current or a voltage: this model is driven by a servo that is told angles."
         )
     return "" if find_spec("policies") else "A policy can be trained here where the package policies is installed."
 
 
-def _limit(found: Mapping[str, Any]) -> float:
+def _limit(comparison: Mapping[str, Any]) -> float:
     """The largest command of the log; 1 where that is a free swing."""
-    return float(f"{found['u_max']:.3g}") or 1.0
+    return float(f"{comparison['u_max']:.3g}") or 1.0
 
 
 # ---- sessions --------------------------------------------------------------------------------------------------------
@@ -367,7 +367,7 @@ def sessions(known: Sequence[tuple[str, str]], now: str | None) -> list[Any]:
         for identifier, title in known if identifier == now
     ]  # fmt: skip
     new = html.Li(html.A("a new log", href="/"))
-    return [*rename, html.Ul([new, *(html.Li(_session(*own, now)) for own in known)])]
+    return [*rename, html.Ul([new, *(html.Li(_session(*entry, now)) for entry in known)])]
 
 
 def _session(identifier: str, title: str, now: str | None) -> list[Any]:

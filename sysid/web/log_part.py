@@ -99,41 +99,41 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     log = session.state.log
     command = log.input or "torque"
     try:
-        found = next(sources(log.files[:1], log.joint)).names
-        told = wanted_columns(log.columns, command)
+        names = next(sources(log.files[:1], log.joint)).names
+        wanted = wanted_columns(log.columns, command)
     except InvalidInput:  # the preview says why
         return (), {}
-    own = named_columns(found, command) | told
-    return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}
+    taken = named_columns(names, command) | wanted
+    return names, {ours: theirs for ours, theirs in (likely_columns(names, taken) | taken).items() if theirs}
 
 
 def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
-    log, (found, chosen) = session.state.log, columns(session)
+    log, (names, chosen) = session.state.log, columns(session)
     try:
         table = next(sources(log.files[:1], log.joint)).load(chosen)
     except InvalidInput:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
         kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
-        chosen = likely_columns([name for name in found if name not in empty], kept) | kept
-    own = named_columns(found, log.input or "torque")
-    told = ",".join(f"{a}={b}" for a, b in chosen.items() if own.get(a) != b)
-    if told and not log.columns:
-        session.change(log=replace(log, columns=told))
+        chosen = likely_columns([name for name in names if name not in empty], kept) | kept
+    named = named_columns(names, log.input or "torque")
+    text = ",".join(f"{a}={b}" for a, b in chosen.items() if named.get(a) != b)
+    if text and not log.columns:
+        session.change(log=replace(log, columns=text))
 
 
 def change(session: Session, values: Mapping[str, Any]) -> None:
     """Keep the settings that a form shows; the columns of another joint are looked at anew."""
-    before, (_, found) = session.state, columns(session)
-    told = [f"{ours}={values.get(ours) or ''}" for ours in OURS if values.get(ours) or ours in found]
+    before, (_, chosen) = session.state, columns(session)
+    pairs = [f"{ours}={values.get(ours) or ''}" for ours in OURS if values.get(ours) or ours in chosen]
     known = [part.strip() for part in (values.get("known") or "").replace(";", ",").split(",") if part.strip()]
     given: dict[str, Any] = {name: name in values.get("signs", ()) for name in FLAGS}
     given |= {name: None if values.get(name) is None else float(values[name]) for name in NUMBERS}
-    given |= {n: None if values.get(n) == next(iter(own)) else values.get(n) for n, own in CHOICES.items()}
+    given |= {n: None if values.get(n) == next(iter(choices)) else values.get(n) for n, choices in CHOICES.items()}
     start = replace(before.start, plant=given.pop("plant"), set=tuple(known))
     joint = (values.get("joint") or "").strip()
-    session.change(start=start, log=replace(before.log, columns=",".join(told), joint=joint, **given))
+    session.change(start=start, log=replace(before.log, columns=",".join(pairs), joint=joint, **given))
     if joint != before.log.joint:
         settle_columns(session)
 
@@ -143,23 +143,23 @@ def change(session: Session, values: Mapping[str, Any]) -> None:
 
 def form(session: Session) -> list[Any]:
     """The files, the settings, the preview and the button that fits a model."""
-    state, (found, chosen) = session.state, columns(session)
+    state, (names, chosen) = session.state, columns(session)
     log = state.log
     titles = [file.name for file in log.files] or ["no file"]
-    told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
+    title = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
     given = vars(log) | vars(state.start)
-    shown = {name: next(iter(own)) if given[name] is None else given[name] for name, own in CHOICES.items()}
-    zero = [{"value": own, "label": label} for own, label in CHOICES["zero"].items()]
+    shown = {name: next(iter(choices)) if given[name] is None else given[name] for name, choices in CHOICES.items()}
+    zero = [{"value": value, "label": label} for value, label in CHOICES["zero"].items()]
     if not isinstance(at := shown["zero"], str):
         zero.append({"value": at, "label": f"where it hangs at {at:g}"})
     of_bag = any(file.suffix in BAGS or file.is_dir() for file in log.files)
     return [
-        html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),
+        html.P([html.Strong(state.title or "log"), f": {title}"], className="files"),
         html.Div(id="preview"),
         html.Details(
             [
                 html.Summary("How it is read"),
-                html.Div([_labelled(OURS[c], _choice(c, {"": "none", **{n: n for n in found if n}}, chosen.get(c, "")))
+                html.Div([_labelled(OURS[c], _choice(c, {"": "none", **{n: n for n in names if n}}, chosen.get(c, "")))
                           for c in OURS], className="fields"),
                 _labelled("what moves", _choice("plant", CHOICES["plant"], shown["plant"])),
                 _labelled("the command is", _choice("input", CHOICES["input"], shown["input"])),
@@ -191,25 +191,25 @@ def _choice(name: str, choices: Mapping[str, str], value: str) -> dcc.Dropdown:
 # ---- the preview -----------------------------------------------------------------------------------------------------
 
 
-def previewed(found: Preview) -> list[Any]:
+def previewed(preview: Preview) -> list[Any]:
     """The angle and the command over time, the machine at the cursor, and what looks unlikely."""
-    if found.error or found.log is None:
-        return [html.P(found.error, className="error", role="alert")]
-    notes = [html.Li(note) for note in found.log.notes]
-    end = float(np.nanmax(found.course[0]))
+    if preview.error or preview.log is None:
+        return [html.P(preview.error, className="error", role="alert")]
+    notes = [html.Li(note) for note in preview.log.notes]
+    end = float(np.nanmax(preview.course[0]))
     return [
-        html.Div([graph(machine_figure(found, 0.0), id="machine"), graph(readings(found), id="readings")],
+        html.Div([graph(machine_figure(preview, 0.0), id="machine"), graph(readings(preview), id="readings")],
                  className="preview"),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
-        html.P(str(found.log).partition(";")[0], className="quiet"),
+        html.P(str(preview.log).partition(";")[0], className="quiet"),
         *([html.Ul(notes, className="notes")] if notes else []),
     ]  # fmt: skip
 
 
-def readings(found: Preview) -> go.Figure:
+def readings(preview: Preview) -> go.Figure:
     """Angle and command over time."""
-    t, theta, torque = found.course
+    t, theta, torque = preview.course
     margin = {"l": 44, "r": 4, "t": 6, "b": 34}
     figure = figures.two_rows(230, vertical_spacing=0.08)
     figure.update_layout(margin=margin, hovermode="x", font={"size": 10})
@@ -217,34 +217,34 @@ def readings(found: Preview) -> go.Figure:
         x, y = figures.thinned(t, series, MOST_PREVIEWED)
         figure.add_scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
     figure.update_xaxes(title="time [s]", row=2)
-    figure.update_yaxes(title=figures.axis_title("theta", found.model.plant.quantities), row=1)
-    figure.update_yaxes(title=f"command [{found.model.command_unit}]", row=2)
+    figure.update_yaxes(title=figures.axis_title("theta", preview.model.plant.quantities), row=1)
+    figure.update_yaxes(title=f"command [{preview.model.command_unit}]", row=2)
     figure.add_vline(x=0.0, line={"color": figures.YELLOW, "width": 1.5})
     return figure
 
 
-def machine_figure(found: Preview, t: float) -> go.Figure:
+def machine_figure(preview: Preview, t: float) -> go.Figure:
     """The machine as the settings have it at an instant: 0 upright, angles to the right, gravity down."""
-    x, y = arm(found, t)
+    x, y = arm(preview, t)
     figure = figures.blank(150, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     figure.update_xaxes(visible=False, range=[-1.25, 1.25], fixedrange=True)
     figure.update_yaxes(visible=False, range=[-1.25, 1.25], scaleanchor="x", fixedrange=True)
     figure.add_scatter(x=x, y=y, mode="lines+markers", hoverinfo="skip", line={"color": figures.BLUE, "width": 7},
                        marker={"size": [10, 16], "color": [figures.GREY, figures.BLUE], "opacity": 1})  # fmt: skip
-    if found.model.plant.turns:
+    if preview.model.plant.turns:
         figure.add_annotation(x=-1.1, y=-1.1, ax=-1.1, ay=-0.6, axref="x", ayref="y", text="g", showarrow=True,
                               arrowhead=2, arrowcolor=figures.GREY)  # fmt: skip
     return figure
 
 
-def arm(found: Preview, t: float) -> tuple[list[float], list[float]]:
+def arm(preview: Preview, t: float) -> tuple[list[float], list[float]]:
     """Where the arm begins and ends at an instant, or where a carriage is."""
-    times, angles, _ = found.course
+    times, angles, _ = preview.course
     known = np.flatnonzero(np.isfinite(times) & np.isfinite(angles))
     if not len(known):
         return [0.0, 0.0], [0.0, 0.0]
     theta = float(angles[known[np.argmin(np.abs(times[known] - t))]])
-    if found.model.plant.turns:
+    if preview.model.plant.turns:
         return [0.0, math.sin(theta)], [0.0, math.cos(theta)]
     reach = float(np.nanmax(np.abs(angles))) or 1.0
     return [0.0, theta / reach], [0.0, 0.0]

@@ -98,10 +98,10 @@ class OwnEffect:
         )  # fmt: skip
 
 
-def effects_file(own: Sequence[OwnEffect], effects: Path | None) -> str:
+def effects_file(own_effects: Sequence[OwnEffect], effects: Path | None) -> str:
     """A Python file of a user's effects, behind those of the file that the command line named."""
     before = [f"sysid.load_effects({str(effects.resolve())!r})"] if effects else []
-    return "\n".join(["import dataclasses", "", "import sysid", "", *before, "", *(o.source() for o in own)])
+    return "\n".join(["import dataclasses", "", "import sysid", "", *before, "", *(o.source() for o in own_effects)])
 
 
 def parsed_formula(formula: str) -> ast.expr:
@@ -135,8 +135,8 @@ def _understood(tree: ast.AST) -> tuple[Callable[..., Value], Sequence[ast.AST]]
             return lambda: float(number), ()
         case ast.Name(id=name) if name not in FUNCTIONS and len(name) <= 24 and not name.startswith("_"):
             return lambda: name, ()
-        case ast.UnaryOp(op=op, operand=own) if type(op) in OPERATIONS:
-            return OPERATIONS[type(op)], (own,)
+        case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATIONS:
+            return OPERATIONS[type(op)], (operand,)
         case ast.BinOp(left=left, op=ast.Pow(), right=right) if power := _power(right):
             return lambda base: base**power, (left,)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
@@ -166,26 +166,31 @@ def value(tree: ast.AST, names: Mapping[str, Value]) -> Value:
     return function(*(value(operand, names) for operand in operands))
 
 
-def made(own: OwnEffect) -> type[Effect]:
+def made(effect: OwnEffect) -> type[Effect]:
     """The class of an effect that a user wrote. Raises InvalidInput for a name or a formula that cannot be one's."""
-    if not own.name.isidentifier() or keyword.iskeyword(own.name) or not own.name.islower() or len(own.name) > 40:
-        raise InvalidInput(f"{excerpt(own.name)} is no name: expected small letters and _, as in magnet_beside")
-    tree = parsed_formula(own.formula)
-    numbers = _numbers(tree, own.shapes)
+    if (
+        not effect.name.isidentifier()
+        or keyword.iskeyword(effect.name)
+        or not effect.name.islower()
+        or len(effect.name) > 40
+    ):
+        raise InvalidInput(f"{excerpt(effect.name)} is no name: expected small letters and _, as in magnet_beside")
+    tree = parsed_formula(effect.formula)
+    numbers = _numbers(tree, effect.shapes)
 
     def torque(self: Any, joint: Joint) -> Value:
         return value(tree, {n: getattr(joint, n) for n in VARIABLES} | {n: getattr(self, n) for n in numbers})
 
     fields = [(name, Any, parameter(**declared)) for name, declared in numbers.items()]
-    said = {"name": own.name, "formula": f"tau = {ast.unparse(tree)}"}
+    said = {"name": effect.name, "formula": f"tau = {ast.unparse(tree)}"}
     namespace = {**said, "torque": torque, "__module__": MODULE, "__doc__": said["formula"]}
     return make_dataclass("Own", fields, bases=(JointEffect,), frozen=True, eq=False, namespace=namespace)
 
 
 def _numbers(tree: ast.AST, values: str) -> dict[str, dict[str, Any]]:
     """The names of a formula that are no variable, and what declares each as a parameter."""
-    found = dict.fromkeys(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id not in FUNCTIONS)
-    names = [n for n in found if n not in VARIABLES]
+    symbols = dict.fromkeys(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id not in FUNCTIONS)
+    names = [n for n in symbols if n not in VARIABLES]
     if len(names) > MOST_NUMBERS:
         raise InvalidInput(f"the formula has {len(names)} numbers: expected {MOST_NUMBERS} at most")
     for name in names:
@@ -233,17 +238,17 @@ def _sizes(tree: ast.AST, numbers: Sequence[str], shapes: Mapping[str, Sequence[
 
 def _values(text: str) -> dict[str, tuple[float, ...]]:
     """{name: values} of "c = 2, 3; w = 0.3"."""
-    found = {}
+    shapes = {}
     for line in (part.strip() for part in text.replace("\n", ";").split(";") if part.strip()):
         name, equals, numbers = (part.strip() for part in line.partition("="))
         try:
-            own = tuple(float(n) for n in numbers.replace(",", " ").split())
+            tried = tuple(float(n) for n in numbers.replace(",", " ").split())
         except ValueError:
-            own = ()
-        if not equals or not 0 < len(own) <= 12 or not all(abs(v) < 1e6 for v in own):
+            tried = ()
+        if not equals or not 0 < len(tried) <= 12 or not all(abs(v) < 1e6 for v in tried):
             raise InvalidInput(f"{excerpt(line)}: expected a shape and values to try, as in w = 0.2, 0.5")
-        found[name] = own
-    return found
+        shapes[name] = tried
+    return shapes
 
 
 def _bounds(values: Sequence[float]) -> tuple[float, float]:
@@ -261,9 +266,9 @@ class _Qualified(ast.NodeTransformer):
         return ast.parse(f"{owner}.{node.id}", mode="eval").body
 
 
-def suggested(found: Mapping[str, Any] | None) -> OwnEffect:
+def suggested(comparison: Mapping[str, Any] | None) -> OwnEffect:
     """A form for the residual torque of a model, by what it depends on and where it is strongest."""
-    torque = {} if found is None else found["torque"]
+    torque = {} if comparison is None else comparison["torque"]
     on = (torque.get("depends_on") or ["time"])[0]
     if on == "theta":
         over = torque["over"][on]

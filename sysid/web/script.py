@@ -19,7 +19,7 @@ def begun_with(model: Model, names: Sequence[str], effects: Path | None) -> dict
     bounds = f", bounds={dict(plant.bounds)!r}" if plant.bounds else ""
     return {
         "plant": f"sysid.{type(plant).__name__}({_numbers(plant)}{bounds})",
-        "effects": [f"effect({own.name!r}, {_numbers(own)})" for own in model.effects],
+        "effects": [f"effect({effect.name!r}, {_numbers(effect)})" for effect in model.effects],
         "substeps": model.integrator.substeps if isinstance(model.integrator, RK4) else 1,
         "names": list(names),
         "effects_file": str(effects.resolve()) if effects else "",
@@ -30,8 +30,8 @@ def _numbers(part: Plant | Effect) -> str:
     return ", ".join(f"{name}={float(p.value)!r}" for name, p in part.parameters.items())
 
 
-def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
-    """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
+def script(state: SessionState, begun: Mapping[str, Any], node: int, own_effects: Sequence[str] = ()) -> str:
+    """The lines: read, fit, add what was added, say what is missing next, save; `own_effects` are classes."""
     log = state.settings_of(node).log
     files, given = [str(file) for file in log.files], log.noise
     more = "" if log.hold_out is None else f", hold_out={log.hold_out!r}"
@@ -39,10 +39,10 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
     loaded = [f"sysid.load_effects({begun['effects_file']!r})"] if begun.get("effects_file") else []
     parts = [
-        *(["import dataclasses", ""] if own or given else []),
+        *(["import dataclasses", ""] if own_effects or given else []),
         "import sysid",
         "from sysid.estimation.channels import relied_on",
-        *(f"\n\n{text}" for text in own),
+        *(f"\n\n{text}" for text in own_effects),
         "",
         *loaded,
         f"plant = {begun['plant']}  # guessed from the log",

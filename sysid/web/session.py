@@ -92,11 +92,11 @@ class SessionState:
 
     def path(self, node: int | None) -> tuple[int, ...]:
         """The models from the first to this one."""
-        found: list[int] = []
+        numbers: list[int] = []
         while node is not None:
-            found.append(node)
+            numbers.append(node)
             node = self.nodes[node].parent
-        return tuple(reversed(found))
+        return tuple(reversed(numbers))
 
     def added(self, node: int | None) -> tuple[str, ...]:
         """The effects that were added on the way to a model."""
@@ -104,7 +104,7 @@ class SessionState:
 
     def own_effects(self, node: int) -> list[OwnEffect]:
         """Those of them that the user wrote."""
-        return [own for own in self.own if own.name in self.added(node)]
+        return [effect for effect in self.own if effect.name in self.added(node)]
 
     def settings_of(self, node: int) -> SessionState:
         """The state with the settings that a model was made with, which the form may no longer show."""
@@ -131,8 +131,8 @@ class Session:
             data.pop("titles", None)  # of an older version: what dropped files were called
             data = {name: value for name, value in data.items() if value is not None}
             nodes = tuple(Node(**n | _options(n)) for n in data.get("nodes", ()))
-            own = tuple(OwnEffect(**o) for o in data.get("own", ()))
-            state = SessionState(**data | _options(data) | {"nodes": nodes, "own": own})
+            own_effects = tuple(OwnEffect(**o) for o in data.get("own", ()))
+            state = SessionState(**data | _options(data) | {"nodes": nodes, "own": own_effects})
             _ = [state.path(node) for node in (state.at, *range(len(nodes)))]
         except (AttributeError, LookupError, TypeError, ValueError):
             raise InvalidInput(f"{self.identifier}/session.json is no session of this version") from None
@@ -233,8 +233,8 @@ class Sessions:
 
     def all(self) -> tuple[Session, ...]:
         """All of them, the newest first."""
-        found = [Session(p.parent) for p in self.folder.glob("*/session.json")]
-        known = [s for s in found if self.find(s.identifier)]
+        sessions = [Session(p.parent) for p in self.folder.glob("*/session.json")]
+        known = [s for s in sessions if self.find(s.identifier)]
         return tuple(sorted(known, key=lambda s: -(s.folder / "session.json").stat().st_mtime))
 
     def of_files(self, files: Sequence[Path]) -> Session | None:
@@ -250,10 +250,10 @@ def _given(fields: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 def _options(data: Mapping[str, Any]) -> dict[str, Any]:
     """How a log is read, and the model to begin with, of a session or of a model of it, where JSON says them."""
-    found: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     if (log := data.get("log")) is not None:
-        found["log"] = LogOptions(**log | {"files": tuple(map(Path, log.get("files", ())))})
+        options["log"] = LogOptions(**log | {"files": tuple(map(Path, log.get("files", ())))})
     if (start := data.get("start")) is not None:
         model = {"model": Path(start["model"])} if "model" in start else {}
-        found["start"] = ModelOptions(**start | model | {"set": tuple(start.get("set", ()))})
-    return found
+        options["start"] = ModelOptions(**start | model | {"set": tuple(start.get("set", ()))})
+    return options

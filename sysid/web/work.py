@@ -134,13 +134,13 @@ class Work:
     def _export(self) -> None:
         """The model for simulators, what their languages cannot say, and the user's own effects that it has."""
         sentences = {}
-        if own := self.state.own_effects(self.number):
-            write_whole(self.folder / Answer.OWN_EFFECTS, effects_file(own, self.effects))
+        if own_effects := self.state.own_effects(self.number):
+            write_whole(self.folder / Answer.OWN_EFFECTS, effects_file(own_effects, self.effects))
         for name, export in ((Answer.MJCF, to_mjcf), (Answer.URDF, to_urdf)):
             try:
-                found = export(self.estimate.model)
-                found.save(self.folder / name)
-                sentences[str(name)] = list(found.sentences)
+                exported = export(self.estimate.model)
+                exported.save(self.folder / name)
+                sentences[str(name)] = list(exported.sentences)
             except InvalidInput as error:
                 sentences[str(name)] = [str(error)]
         self.session.write(self.number, Answer.EXPORTED, sentences)
@@ -148,7 +148,7 @@ class Work:
     def _fails(self) -> None:
         task, model, compared = self.task, self.estimate.model, self.comparison
         torque = residual_torque(model, task.log, task.sensor)
-        found = compared.to_dict() | {
+        data = compared.to_dict() | {
             "ratio": plain(compared.ratio),
             "quantities": dict(model.plant.quantities),
             "command_unit": model.command_unit,
@@ -164,13 +164,13 @@ class Work:
             "rollouts": _places(task.log, task.held_out),
         }
         self._series(torque)
-        self.session.write(self.number, Answer.FAILS, found)
+        self.session.write(self.number, Answer.FAILS, data)
 
     def _reach(self, torque: ResidualTorque) -> float:
         """How far the residual torque reaches, or that of a model before reached: all are drawn on one scale."""
-        own = float(np.quantile(np.abs(np.concatenate([r.d for r in torque.records])), 0.998))
+        reach = float(np.quantile(np.abs(np.concatenate([r.d for r in torque.records])), 0.998))
         before = self.session.read(self.node.parent, Answer.FAILS)
-        return own if before is None else max(own, before["reach"])
+        return reach if before is None else max(reach, before["reach"])
 
     def _series(self, torque: ResidualTorque) -> None:
         """The log beside its predictions, and the motion in it: all samples, rollout after rollout on one axis."""
@@ -180,27 +180,27 @@ class Work:
         series: dict[str, Any] = table | {f"{c}_read": table[c] for c in CHANNELS if c in table}
         series |= {
             "t": table["t"] + np.repeat(shifts, [len(r.t) for r in task.log]),
-            "theta": model.plant.place(np.concatenate([own.theta for own in torque.records])),
-            "theta_dot": np.concatenate([own.theta_dot for own in torque.records]),
+            "theta": model.plant.place(np.concatenate([record.theta for record in torque.records])),
+            "theta_dot": np.concatenate([record.theta_dot for record in torque.records]),
         }
         with whole(self.folder / Answer.SERIES) as file:
             np.savez(file, **series)
 
     def _effects(self) -> None:
-        found = self.diagnosis
-        chosen = [s.effect for s in (*found.conventions, *found.steps)]
-        rows = [_row(r, found) for r in found.ranking if r.fit is not None]
+        diagnosis = self.diagnosis
+        chosen = [s.effect for s in (*diagnosis.conventions, *diagnosis.steps)]
+        rows = [_row(r, diagnosis) for r in diagnosis.ranking if r.fit is not None]
         shown = {row["effect"] for row in rows}
         data = {
-            "verdict": found.verdict,
-            "finding": found.finding,
+            "verdict": diagnosis.verdict,
+            "finding": diagnosis.finding,
             "next": chosen,
             "rows": sorted(rows, key=lambda row: row["effect"] not in chosen),
-            "others": [_named(r) for r in found.ranking if r.effect not in shown],
-            "ruled_out": {} if chosen else found.ruled_out,
-            "doubts": list(found.doubts),
-            "remarks": list(found.remarks),
-            "not_identifiable": [list(group) for group in found.not_identifiable],
+            "others": [_named(r) for r in diagnosis.ranking if r.effect not in shown],
+            "ruled_out": {} if chosen else diagnosis.ruled_out,
+            "doubts": list(diagnosis.doubts),
+            "remarks": list(diagnosis.remarks),
+            "not_identifiable": [list(group) for group in diagnosis.not_identifiable],
         }
         self.session.write(self.number, Answer.EFFECTS, data)
 
@@ -213,8 +213,8 @@ class Work:
 
     def experiment(self) -> None:
         """What to play next: what tells indistinguishable effects apart, or else what narrows the widest interval."""
-        found = self.session.read(self.number, Answer.EFFECTS)
-        best = found["rows"][0] if found and found["next"] else None
+        diagnosis = self.session.read(self.number, Answer.EFFECTS)
+        best = diagnosis["rows"][0] if diagnosis and diagnosis["next"] else None
         rivals = [best["effect"], *best["alike"][:1]] if best and best["alike"] else []
         limits = limits_of(self.task.log, self.estimate.model)
         planned = next_experiment(self.estimate, rivals, limits, self.task.sensor, self.task.training)
@@ -239,13 +239,13 @@ def _told(numbers: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
 
 def _places(records: Sequence[Record], held_out: Sequence[Record]) -> list[dict[str, Any]]:
     """Where each rollout lies on one axis of time [s], with a gap between them, and which of it no fit has seen."""
-    found = []
+    places = []
     for r, begin in zip(records, in_a_row([r.t for r in records]).tolist(), strict=True):
         shift = begin - float(r.t[0])
-        own = [h for h in held_out if is_part(h.name, r.name)]
-        unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in own]
-        found.append({"name": r.name, "shift": shift, "unseen": unseen})
-    return found
+        parts = [h for h in held_out if is_part(h.name, r.name)]
+        unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in parts]
+        places.append({"name": r.name, "shift": shift, "unseen": unseen})
+    return places
 
 
 def _named(candidate: Ranked) -> dict[str, Any]:
@@ -259,9 +259,9 @@ def _named(candidate: Ranked) -> dict[str, Any]:
     }
 
 
-def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
+def _row(candidate: Ranked, diagnosis: Diagnosis) -> dict[str, Any]:
     """What a row says of an effect that was refitted."""
-    step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
+    step = next((s for s in (*diagnosis.steps, *diagnosis.conventions) if s.effect == candidate.effect), None)
     numbers = candidate.parameters if step is None else fitted_numbers(step.estimate, candidate.effect)
     return _named(candidate) | {
         "alike": list((candidate if step is None else step).indistinguishable[1:]),
@@ -286,8 +286,8 @@ def main(arguments: Sequence[str]) -> int:
             load_effects(effects)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            for own in session.state.own:
-                own.register()
+            for effect in session.state.own:
+                effect.register()
             work = Work(session, number, progress, effects)
             work.run()
             if "--next" in arguments:

@@ -36,10 +36,10 @@ def main(arguments: list[str] | None = None) -> int:
     tables = {rule: table(cases, answers, prepared, rule) for rule in RULES}
     print("\n".join(f"\n{rule}:\n\n{text}" for rule, text in tables.items() if text))
     if given.wrong:
-        for method, own in answers.items():
+        for method, by_key in answers.items():
             for name, part in columns(cases).items():
-                for key in cell(part, own, prepared).wrong:
-                    a = own[key]
+                for key in cell(part, by_key, prepared).wrong:
+                    a = by_key[key]
                     first, error = a.ranking[:2], a.error_after
                     print(f"{method} {name} {key}: {a.verdict} {first} {a.named} {a.depends_on} {error} {a.failure}")
     return 0

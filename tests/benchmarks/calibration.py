@@ -30,7 +30,7 @@ class Trial:
 
     covered: dict[str, bool]
     bound: float
-    own: float
+    stated: float
     dimension: int
     alarm: bool | None = None  # an effect of the catalogue promises more than its price
     structure: bool | None = None  # a random torque is needed beside the right model
@@ -51,8 +51,8 @@ def trial(name: str, log: str, seed: int) -> Trial:
     covered = {k: low <= truth[k] <= high for k, (low, high) in estimate.interval(0.95).items()}
     F = information(world, name)
     alarm, structure = alarms(model, records) if not name else (None, None)
-    own = float(error @ np.linalg.solve(estimate.covariance, error))
-    return Trial(covered, float(error @ F @ error), own, len(error), alarm, structure)
+    stated = float(error @ np.linalg.solve(estimate.covariance, error))
+    return Trial(covered, float(error @ F @ error), stated, len(error), alarm, structure)
 
 
 def information(world: World, name: str) -> Array:
@@ -80,10 +80,10 @@ def alarms(model: Model, records: Sequence) -> tuple[bool, bool]:
     from sysid.estimation.linearisation import Samples
     from sysid.estimation.scores import price, scores
 
-    found = first_fit(Samples(model, records, sensor_noise(records).sensor), model, free(model))
-    tested = scores(found)
+    fitted = first_fit(Samples(model, records, sensor_noise(records).sensor), model, free(model))
+    tested = scores(fitted)
     pays = any(s.lm > price(n, DEFAULT.price, s.shapes) for n, s in tested.items() if s.visible)
-    return pays, not found.undisturbed
+    return pays, not fitted.undisturbed
 
 
 def report(trials: Sequence[Trial]) -> list[str]:
@@ -96,7 +96,7 @@ def report(trials: Sequence[Trial]) -> list[str]:
     ]
     freedom = n * trials[0].dimension
     band = np.sqrt(chi2.ppf([0.005, 0.995], freedom) / freedom)
-    for word, values in (("Cramer-Rao bound", [t.bound for t in trials]), ("own bars", [t.own for t in trials])):
+    for word, values in (("Cramer-Rao bound", [t.bound for t in trials]), ("own bars", [t.stated for t in trials])):
         ratio = np.sqrt(np.sum(values) / freedom)
         lines.append(f"error over {word}: {ratio:.3f}  (band {band[0]:.3f} .. {band[1]:.3f})")
     if trials[0].alarm is not None:

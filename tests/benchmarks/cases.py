@@ -97,13 +97,13 @@ class Case:
 def world(case: Case, numbers: Mapping[str, float] | None = None) -> World:
     """The world of a case; `numbers` replaces those of the table (a weak effect's)."""
     log = LOGS[case.log]
-    own = plan(case.experiment, log, case.rng("plan"))
+    planned = plan(case.experiment, log, case.rng("plan"))
     if case.stranger:
         stranger = STRANGERS[case.hidden[0]]
-        return _closed(case, World(own, dict(stranger.numbers), stranger.gust, log))
+        return _closed(case, World(planned, dict(stranger.numbers), stranger.gust, log))
     if numbers is None:
-        numbers = ARM if case.size == "arm" else _numbers(case, World(own, {}, 0.0, log))
-    return _closed(case, World(own, numbers, 0.0, log))
+        numbers = ARM if case.size == "arm" else _numbers(case, World(planned, {}, 0.0, log))
+    return _closed(case, World(planned, numbers, 0.0, log))
 
 
 def _numbers(case: Case, bare: World) -> dict[str, float]:
@@ -122,11 +122,11 @@ def _closed(case: Case, made: World) -> World:
 
 def records(case: Case, made: World) -> list[Record]:
     """The log that a rig writes of that world."""
-    own = made.plan
+    planned = made.plan
     if case.engine == "truth":
         (motion,) = move([made])
     else:
-        motion = ENGINES[case.engine](made.numbers, own.u, own.theta, 0.0, made.log.dt)
+        motion = ENGINES[case.engine](made.numbers, planned.u, planned.theta, 0.0, made.log.dt)
     return write(motion, made.plan, made.log, case.rng("noise"))
 
 
@@ -139,20 +139,20 @@ def _each(
     column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
 ) -> Iterator[Case]:
     """All that is hidden, at every size in every experiment; a servo's logs have experiments of their own."""
-    for own in hidden:
+    for effects in hidden:
         for size in sizes:
             for experiment in SERVOS if log.startswith("servo") else EXPERIMENTS:
-                yield Case(column, own, size, experiment, log, seed, engine)
+                yield Case(column, effects, size, experiment, log, seed, engine)
 
 
 def _in_turn(
     column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
 ) -> Iterator[Case]:
     """All that is hidden and the log can show, at every size; the experiments take turns."""
-    for i, own in enumerate(hidden):
+    for i, effects in enumerate(hidden):
         for j, size in enumerate(sizes):
-            if LOGS[log].theta_dot is not None or own[0] not in ("velocity_bias", "velocity_gain"):
-                yield Case(column, own, size, EXPERIMENTS[(i + j + seed) % 3], log, seed, engine)
+            if LOGS[log].theta_dot is not None or effects[0] not in ("velocity_bias", "velocity_gain"):
+                yield Case(column, effects, size, EXPERIMENTS[(i + j + seed) % 3], log, seed, engine)
 
 
 def _bare(column: str, log: str, seed: int, count: int = 1) -> Iterator[Case]:
@@ -233,10 +233,10 @@ def learned(rollouts: int) -> int:
 def training(made: World) -> World:
     """The rollouts that a diagnosis learns from: all but the last quarter, which it keeps to report errors; a fast log
     at RATE."""
-    own, log, every = made.plan, made.log, max(1, int(made.log.rate // RATE))
-    keep = learned(len(own.theta))
-    u = own.u[:keep].reshape(keep, -1, every).mean(axis=2)
-    thin = replace(own, u=u, theta=own.theta[:keep], wind=own.wind[:keep, ::every])
+    planned, log, every = made.plan, made.log, max(1, int(made.log.rate // RATE))
+    keep = learned(len(planned.theta))
+    u = planned.u[:keep].reshape(keep, -1, every).mean(axis=2)
+    thin = replace(planned, u=u, theta=planned.theta[:keep], wind=planned.wind[:keep, ::every])
     return replace(made, plan=thin, log=replace(log, rate=log.rate / every))
 
 
@@ -248,8 +248,8 @@ def named(key: str) -> Case:
     column, *_, seed = key.split("/")
     if column not in COLUMNS:
         raise KeyError(f"unknown column {column!r}: expected one of {', '.join(COLUMNS)}")
-    own = int(seed)
-    for base in {own, own // 100}:
+    number = int(seed)
+    for base in {number, number // 100}:
         for case in COLUMNS[column](base):
             if case.key == key:
                 return case

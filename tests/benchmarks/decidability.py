@@ -198,11 +198,11 @@ def decide(world: World, effect: str, beside: str | None = None) -> Decidability
     moving = Family(np.where(motions.stuck, 0.0, motions.mismatch)[None], motions.seen())
     if beside is None:
         return weigh(motions, effect, truth, moving, families)
-    own = ALIAS.get(beside, beside)
-    members = [m for f in families[own] for m in f.members()]
+    name = ALIAS.get(beside, beside)
+    members = [m for f in families[name] for m in f.members()]
     rows = motions.rows([truth, *members])
     least = [_left(motions.base, r, rows[0][0]) for r in rows[1:]]
-    others = {k: v for k, v in families.items() if k != own}
+    others = {k: v for k, v in families.items() if k != name}
     apart = weigh(motions, effect, truth, moving, others, rows[1 + int(np.argmin(least))])
     alone = weigh(motions, "", truth, moving, families)
     return Decidability(apart.evidence, apart.rivals | {f"{alone.worst} alone": alone.rivals[alone.worst]})
@@ -238,8 +238,8 @@ def weigh(
     flat = [(name, f) for name, members in families.items() if name not in left_out for f in members]
     (z,), (z_moving,), *rows = (off(r) for r in motions.rows([truth, moving, *(f for _, f in flat)]))
     left: dict[str, float] = {}
-    for (name, family), own in zip(flat, rows, strict=True):
-        least = _least(z_moving if name in DRY else z, own, family)
+    for (name, family), row in zip(flat, rows, strict=True):
+        least = _least(z_moving if name in DRY else z, row, family)
         left[name] = min(least, left.get(name, np.inf))
     return Decidability(float(z @ z), left)
 
@@ -266,13 +266,13 @@ def scaled(world: World, effect: str, aim: float, tries: int = 8) -> tuple[World
     best: tuple[World, Decidability] | None = None
     for _ in range(tries):
         now = dataclasses.replace(world, numbers=resized(world, size))
-        found = decide(now, effect)
-        if best is None or abs(found.least - aim) < abs(best[1].least - aim):
-            best = (now, found)
-        if 0.85 * aim < found.least < 1.2 * aim:
+        decidability = decide(now, effect)
+        if best is None or abs(decidability.least - aim) < abs(best[1].least - aim):
+            best = (now, decidability)
+        if 0.85 * aim < decidability.least < 1.2 * aim:
             break
-        below, above = (size, above) if found.least < aim else (below, size)
-        guess = size * np.sqrt(aim / max(found.least, 1e-9))
+        below, above = (size, above) if decidability.least < aim else (below, size)
+        guess = size * np.sqrt(aim / max(decidability.least, 1e-9))
         size = float(guess if 1.1 * below < guess < 0.9 * above else np.sqrt(below * above))
     assert best is not None
     return best

@@ -102,8 +102,8 @@ def measure(runs: int) -> dict[str, float]:
             lap("go on when all is done")
             kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
-            found = [PointFindings(many, point, *kept) for point in many.points]
-            write_rows(Path(folder) / "runs.csv", *run_table(run for answer in found for run in answer.runs))
+            findings = [PointFindings(many, point, *kept) for point in many.points]
+            write_rows(Path(folder) / "runs.csv", *run_table(run for answer in findings for run in answer.runs))
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost
@@ -115,10 +115,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", nargs="+", type=int, default=[1000, 10_000], help="multiples of 250")
     parser.add_argument("--top", type=int, default=12, help="functions of the profile")
     given = parser.parse_args(arguments)
-    found = {runs: measure(runs) for runs in given.runs}
-    phases = found[given.runs[0]]
-    rows = ((phase, *(f"{cost[phase] / runs:.3f}" for runs, cost in found.items())) for phase in phases)
-    print(command.markdown(("a run of", *found), ("---", *["---:"] * len(found)), rows))
+    costs = {runs: measure(runs) for runs in given.runs}
+    phases = costs[given.runs[0]]
+    rows = ((phase, *(f"{cost[phase] / runs:.3f}" for runs, cost in costs.items())) for phase in phases)
+    print(command.markdown(("a run of", *costs), ("---", *["---:"] * len(costs)), rows))
     profile = cProfile.Profile()
     profile.runcall(measure, given.runs[0])
     pstats.Stats(profile).strip_dirs().sort_stats("tottime").print_stats(given.top)

@@ -28,7 +28,7 @@ class Log:
     rate [Hz], seconds a rollout, number of rollouts, sensor noise theta [rad] and theta_dot [rad/s] (None: no such
     column), angle_step [rad] of the encoder (0: none), differenced: the speed column is worked out from the angle's
     readings, stamp: what a row's torque is ("held" from this row to the
-    next, "late" by a row, "early" by a row, or "averaged" over the interval that ends at the row), told: the noise
+    next, "late" by a row, "early" by a row, or "averaged" over the interval that ends at the row), claimed: the noise
     (theta, theta_dot) that the user claims, None where nothing is claimed.
     """
 
@@ -40,7 +40,7 @@ class Log:
     angle_step: float = 0.0
     differenced: bool = False
     stamp: str = "held"
-    told: tuple[float, float] | None = None
+    claimed: tuple[float, float] | None = None
 
     @property
     def dt(self) -> float:
@@ -80,8 +80,8 @@ LOGS: dict[str, Log] = {
     "speedless": Log(theta_dot=None),
     "coarse": Log(theta=0.0005, angle_step=0.003),
     "short": Log(seconds=3.0, rollouts=3),
-    "told 1/3": Log(told=(0.001, 0.0167)),
-    "told x3": Log(told=(0.009, 0.15)),
+    "told 1/3": Log(claimed=(0.001, 0.0167)),
+    "told x3": Log(claimed=(0.009, 0.15)),
     "late": Log(stamp="late"),
     "early": Log(stamp="early"),
     "averaged": Log(stamp="averaged"),
@@ -207,7 +207,7 @@ def move(worlds: Sequence[World]) -> list[Motion]:
     cuts = np.cumsum(counts)[:-1]
     fields = ("theta", "theta_dot", "reading_theta", "reading_theta_dot", "u")
     parts = [np.split(getattr(motion, f), cuts) for f in fields]
-    return [Motion(motion.t, *own) for own in zip(*parts, strict=True)]
+    return [Motion(motion.t, *series) for series in zip(*parts, strict=True)]
 
 
 Engine = Callable[..., Motion]
@@ -217,12 +217,12 @@ Engine = Callable[..., Motion]
 def played(world: World, rng: np.random.Generator, engine: Engine = simulate) -> World:
     """The world with the commands that its servo gives there, reading with the errors that rng draws; played again
     without the servo they give the same motion."""
-    own = world.plan
-    if own.aim is None:
+    planned = world.plan
+    if planned.aim is None:
         return world
-    servo = Servo(own.aim, world.log, rng)
-    motion = engine(world.numbers, own.u, own.theta, 0.0, world.log.dt, feedback=servo)
-    return replace(world, plan=replace(own, u=motion.u, aim=None))
+    servo = Servo(planned.aim, world.log, rng)
+    motion = engine(world.numbers, planned.u, planned.theta, 0.0, world.log.dt, feedback=servo)
+    return replace(world, plan=replace(planned, u=motion.u, aim=None))
 
 
 def write(motion: Motion, plan: Plan, log: Log, rng: np.random.Generator) -> list[Record]:

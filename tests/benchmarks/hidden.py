@@ -75,7 +75,9 @@ STRANGERS: dict[str, Stranger] = {
     "harmonic drive 14 Hz": _stranger("history", "torque", near="flexible_transmission", flexible__f=14.0),
     "harmonic drive 20 Hz": _stranger("history", "torque", near="flexible_transmission", flexible__f=20.0),
 }
-FLEXIBLE = tuple(name for name, own in STRANGERS.items() if own.numbers and own.numbers[0][0] == "flexible.f")
+FLEXIBLE = tuple(
+    name for name, stranger in STRANGERS.items() if stranger.numbers and stranger.numbers[0][0] == "flexible.f"
+)
 
 
 def numbers_of(effect: str, size: str, dt: float, peak: float) -> dict[str, float]:

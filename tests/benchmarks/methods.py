@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from sysid import Log, Record
 
-Told = tuple[float, float] | None
+ClaimedNoise = tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -40,57 +40,57 @@ def thinned(records: Sequence[Record]) -> Log:
     return Log(tuple(records), (), records[0].dt).thinned()
 
 
-def ours(records: Sequence[Record], told: Told) -> Answer:
+def ours(records: Sequence[Record], claimed: ClaimedNoise) -> Answer:
     """sysid.diagnose, beginning at the default rod; gravity is known, as it is on earth."""
     from sysid import CATALOGUE, Model, RodPendulum, Sensor, diagnose, sensor_noise
 
     log = thinned(records)
     model = Model(RodPendulum(g=9.81), dt=log.dt)
-    if told is None:
+    if claimed is None:
         sensor = sensor_noise(records).sensor
     else:
-        sensor = Sensor(theta=told[0], theta_dot=told[1] if records[0].theta_dot is not None else None)
-    found = diagnose(model, log, sensor)
-    ranked = [r for r in found.ranking if not CATALOGUE[r.effect].of_log]
-    if found.conventions:  # the first round ranked what was left of them too
-        ranked = [*found.steps, *ranked]
+        sensor = Sensor(theta=claimed[0], theta_dot=claimed[1] if records[0].theta_dot is not None else None)
+    diagnosis = diagnose(model, log, sensor)
+    ranked = [r for r in diagnosis.ranking if not CATALOGUE[r.effect].of_log]
+    if diagnosis.conventions:  # the first round ranked what was left of them too
+        ranked = [*diagnosis.steps, *ranked]
     return Answer(
-        verdict=found.verdict,
+        verdict=diagnosis.verdict,
         ranking=tuple(r.effect for r in ranked),
         alike=tuple(ranked[0].indistinguishable) if ranked else (),
-        named=tuple(tuple(s.indistinguishable) for s in found.steps),
-        depends_on=tuple(found.remaining.depends_on) if found.remaining is not None else (),
-        error_after=found.error.ratio,
-        small=found.negligible,
+        named=tuple(tuple(s.indistinguishable) for s in diagnosis.steps),
+        depends_on=tuple(diagnosis.remaining.depends_on) if diagnosis.remaining is not None else (),
+        error_after=diagnosis.error.ratio,
+        small=diagnosis.negligible,
     )
 
 
-def baseline(records: Sequence[Record], told: Told) -> Answer:
+def baseline(records: Sequence[Record], claimed: ClaimedNoise) -> Answer:
     """Regression of smoothed acceleration; it has no use for a claimed noise."""
     from tests.benchmarks.baseline import find
 
-    found = find(thinned(records))
-    ranking = tuple(name for name, _ in found.ranking if name != "stamp")
+    finding = find(thinned(records))
+    ranking = tuple(name for name, _ in finding.ranking if name != "stamp")
     first = ranking[:1]
-    if found.chosen:
-        first = found.chosen[:1]
+    if finding.chosen:
+        first = finding.chosen[:1]
         ranking = first + tuple(n for n in ranking if n not in first)
     return Answer(
-        verdict="missing" if found.chosen else "adequate",
+        verdict="missing" if finding.chosen else "adequate",
         ranking=ranking,
         alike=first,
-        named=tuple((name,) for name in found.chosen),
+        named=tuple((name,) for name in finding.chosen),
     )
 
 
-METHODS: Mapping[str, Callable[[Sequence[Record], Told], Answer]] = {"ours": ours, "baseline": baseline}
+METHODS: Mapping[str, Callable[[Sequence[Record], ClaimedNoise], Answer]] = {"ours": ours, "baseline": baseline}
 
 
-def ask(method: str, records: Sequence[Record], told: Told) -> Answer:
+def ask(method: str, records: Sequence[Record], claimed: ClaimedNoise) -> Answer:
     """A method's answer and the seconds it took; one that raises has no answer."""
     began = time.perf_counter()
     try:
-        answer = METHODS[method](records, told)
+        answer = METHODS[method](records, claimed)
     except Exception as error:
         answer = Answer("failed", failure=f"{type(error).__name__}: {error}")
     return replace(answer, ranking=answer.ranking[:6], seconds=time.perf_counter() - began)

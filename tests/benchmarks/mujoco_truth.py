@@ -60,9 +60,9 @@ def simulate(
     parts = ((rows + 1, late), (rows, round(dt / step) - late))  # rows back, and the steps under that row's command
 
     def sample(k: int, u: Array, *_: Array) -> tuple[Array, Array]:
-        for data, own in zip(rigs, u, strict=True):
+        for data, commands in zip(rigs, u, strict=True):
             for back, steps in parts:
-                data.ctrl[0] = own[k - back] if k >= back else 0.0
+                data.ctrl[0] = commands[k - back] if k >= back else 0.0
                 mujoco.mj_step(model, data, steps)
         return np.array([data.qpos[0] for data in rigs]), np.array([data.qvel[0] for data in rigs])
 

@@ -49,11 +49,11 @@ def plant(name: str) -> Model:
 
 def settings_of(algorithm: str, changes: Sequence[str]) -> TrainingSettings:
     """Those of `policies train`, but for changes as "polyak=0.01"; hidden=256 is two layers of so many."""
-    own, changed = SETTINGS[algorithm], dict[str, object]()
+    settings, changed = SETTINGS[algorithm], dict[str, object]()
     for name, _, value in (change.partition("=") for change in changes):
-        kind = type(getattr(own, name))
+        kind = type(getattr(settings, name))
         changed[name] = (int(value),) * 2 if kind is tuple else kind(value)
-    return dataclasses.replace(own, **changed)
+    return dataclasses.replace(settings, **changed)
 
 
 def curve(model: Model, settings: TrainingSettings, history: int, agents: int, looks: int) -> Iterator[tuple]:

@@ -36,32 +36,32 @@ def case(seed: int, s: float, T: float) -> Case:
     return Case(f"random torque of {s:g} N m, {T:g} s", (effect,), "medium", experiment, "clean", seed)
 
 
-def world(own: Case, s: float, T: float) -> World:
+def world(case: Case, s: float, T: float) -> World:
     """The world of a case, with the random torque as its wind."""
-    log = LOGS[own.log]
-    made = plan(own.experiment, log, own.rng("plan"))
+    log = LOGS[case.log]
+    made = plan(case.experiment, log, case.rng("plan"))
     peak = float(np.max(np.abs(made.u)))
-    rng, forced = own.rng("random torque"), RandomForce(Fixed(), s, T)
+    rng, forced = case.rng("random torque"), RandomForce(Fixed(), s, T)
     wind = np.stack([forced.torques(rng, len(rows), log.dt) for rows in made.wind])
-    return World(replace(made, wind=wind), numbers_of(own.hidden[0], own.size, log.dt, peak), 1.0, log)
+    return World(replace(made, wind=wind), numbers_of(case.hidden[0], case.size, log.dt, peak), 1.0, log)
 
 
-def solve(own: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, dict[str, Row]]:
+def solve(case: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, dict[str, Row]]:
     """What is said of one log: the effects, their numbers with intervals, and the size of the random torque."""
     from sysid import Model, RodPendulum, diagnose
 
     began = time.perf_counter()
-    s, T = (float(word.split()[0]) for word in own.column.removeprefix("random torque of ").split(", "))
-    made = world(own, s, T)
-    found = diagnose(Model(RodPendulum(g=9.81), dt=made.log.dt), records(own, made))
+    s, T = (float(word.split()[0]) for word in case.column.removeprefix("random torque of ").split(", "))
+    made = world(case, s, T)
+    diagnosis = diagnose(Model(RodPendulum(g=9.81), dt=made.log.dt), records(case, made))
     row = {
-        "verdict": found.verdict,
-        "named": [list(step.indistinguishable) for step in found.steps],
-        "intervals": {k: list(v) for k, v in found.estimate.interval(0.95).items()},
+        "verdict": diagnosis.verdict,
+        "named": [list(step.indistinguishable) for step in diagnosis.steps],
+        "intervals": {k: list(v) for k, v in diagnosis.estimate.interval(0.95).items()},
         "truth": dict(made.numbers),
-        "random_torque": found.estimate.random_torque,
-        "depends_on": list(found.remaining.depends_on) if found.remaining else [],
-        "unconfirmed": list(found.unconfirmed),
+        "random_torque": diagnosis.estimate.random_torque,
+        "depends_on": list(diagnosis.remaining.depends_on) if diagnosis.remaining else [],
+        "unconfirmed": list(diagnosis.unconfirmed),
         "seconds": time.perf_counter() - began,
     }
     return {}, {m: row for m in methods}
@@ -70,11 +70,11 @@ def solve(own: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, di
 def report(cases: Sequence[Case], rows: Mapping[str, Row], s: float) -> list[str]:
     """Shares, with the band that coverage should lie in, and the cases that are wrong."""
     asked = [c for c in cases if c.key in rows]
-    found, alone, covered, close, wrong = 0, 0, list[bool](), 0, list[str]()
-    for own in asked:
-        row = rows[own.key]
+    hits, alone, covered, close, wrong = 0, 0, list[bool](), 0, list[str]()
+    for case in asked:
+        row = rows[case.key]
         effects = {name for group in row["named"] for name in group}
-        named = bool(indistinguishable(own.hidden[0]) & effects)
+        named = bool(indistinguishable(case.hidden[0]) & effects)
         right = named and len(row["named"]) == 1
         held = [
             row["intervals"][k][0] <= v <= row["intervals"][k][1]
@@ -82,19 +82,19 @@ def report(cases: Sequence[Case], rows: Mapping[str, Row], s: float) -> list[str
             if k in row["intervals"]
         ]
         size = row["random_torque"] / s
-        found, alone, close = found + named, alone + right, close + (abs(size - 1.0) <= CLOSE)
+        hits, alone, close = hits + named, alone + right, close + (abs(size - 1.0) <= CLOSE)
         covered += held
         if not right or not all(held) or abs(size - 1.0) > CLOSE:
             own_numbers = {k: [round(x, 4) for x in row["intervals"].get(k, ())] for k in row["truth"]}
             said = f"{row['verdict']} {row['named']} {own_numbers} of {row['truth']}, {size:.2f} s"
-            wrong.append(f"  {own.hidden[0]} {own.experiment} {own.seed}: {said} {row['unconfirmed']}")
+            wrong.append(f"  {case.hidden[0]} {case.experiment} {case.seed}: {said} {row['unconfirmed']}")
     n, m = len(asked), len(covered)
     if not n:
         return []
     low, high = binom.ppf([0.005, 0.995], m, 0.95) / max(m, 1)
     sizes = np.array([rows[c.key]["random_torque"] for c in asked]) / s
     return [
-        f"{cases[0].column}: named {found} of {n}, and nothing beside it {alone}",
+        f"{cases[0].column}: named {hits} of {n}, and nothing beside it {alone}",
         f"  its 95 % interval holds its number: {np.mean(covered):.3f} of {m}  (band {low:.3f} .. {high:.3f})",
         f"  the size of the random torque within {CLOSE:.0%}: {close} of {n}; found over true: median "
         f"{np.median(sizes):.2f}, 5 % .. 95 %: {np.quantile(sizes, 0.05):.2f} .. {np.quantile(sizes, 0.95):.2f}",

@@ -38,7 +38,7 @@ def example(seed: int, logs: str = LOGS) -> Case:
 def subsets(seed: int) -> Iterator[Case]:
     """Every two and more of the logs of a seed, all of them included."""
     for count in range(2, len(LOGS) + 1):
-        yield from (example(seed, "".join(own)) for own in combinations(LOGS, count))
+        yield from (example(seed, "".join(logs)) for logs in combinations(LOGS, count))
 
 
 def solve(case: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, dict[str, Row]]:
@@ -104,8 +104,8 @@ def main(arguments: list[str] | None = None) -> int:
     answers = answered(given, list(dict.fromkeys([*seeds, *parts])), solve=solve).answers("ours")
     lines = report(f"all eight logs of seeds 0 .. {given.seeds - 1}", seeds, answers) if seeds else []
     for count in range(2, len(LOGS) + 1):
-        own = [c for c in parts if len(c.log) == count]
-        lines += report(f"{count} of the logs of seed {given.subsets_of}", own, answers) if own else []
+        cases = [c for c in parts if len(c.log) == count]
+        lines += report(f"{count} of the logs of seed {given.subsets_of}", cases, answers) if cases else []
     print("\n".join(lines))
     return 0
 

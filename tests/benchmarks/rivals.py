@@ -96,10 +96,10 @@ def _sensors(x: Motions) -> dict[str, list[Family]]:
         return Family(readings=np.stack([angle, speed], axis=-1)[None])
 
     play = [np.stack(_played(theta, theta_dot, w), axis=-1) for w in 2.0 ** np.arange(-10.0, -2.0, 0.5)]
-    found = {"backlash": [Family(readings=np.stack(play), path=True)]}
+    families = {"backlash": [Family(readings=np.stack(play), path=True)]}
     if x.world.log.theta_dot is not None:
-        found |= {"velocity_bias": [family(none, none + 1.0)], "velocity_gain": [family(none, theta_dot)]}
-    return found
+        families |= {"velocity_bias": [family(none, none + 1.0)], "velocity_gain": [family(none, theta_dot)]}
+    return families
 
 
 def _played(theta: Array, theta_dot: Array, width: float) -> tuple[Array, Array]:

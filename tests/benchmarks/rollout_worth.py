@@ -80,24 +80,24 @@ def case(identifier: str, seed: int, price: float) -> Case:
     deployed = known.draws(rng, SEVERAL) if advice.randomized else known.centre[None]
     tried = [truth[None], deployed, *(BoundedNormal.of(after(k)).centre[None] for k in FIXED)]
     returns = [float(decision.returns(believed[None], truth[None])[0]) for believed in tried]
-    losses = [returns[0] - own for own in returns[1:]]
+    losses = [returns[0] - value for value in returns[1:]]
     return Case(identifier, seed, price, *truth.tolist(), returns[0], n, *losses)
 
 
-def told(cases: list[Case]) -> str:
+def summary(cases: list[Case]) -> str:
     """Mean losses, the price included, with standard errors, and how far the advice is from each fixed number."""
     lines = []
     groups = {name: [c for c in cases if c.identifier == name] for name in sorted({c.identifier for c in cases})}
     if len(groups) > 1:
         groups["either"] = cases
-    for identifier, own in groups.items():
-        price = own[0].price
-        advised = np.array([c.advised + price * c.advised_n for c in own])
-        counts = np.array([c.advised_n for c in own])
-        lines.append(f"{identifier}, {len(own)} plants, a rollout costs {price:g}")
+    for identifier, group in groups.items():
+        price = group[0].price
+        advised = np.array([c.advised + price * c.advised_n for c in group])
+        counts = np.array([c.advised_n for c in group])
+        lines.append(f"{identifier}, {len(group)} plants, a rollout costs {price:g}")
         lines.append(f"  advised: {_mean(advised)}; rollouts: median {np.median(counts):g}, mean {np.mean(counts):.1f}")
         for n in FIXED:
-            fixed = np.array([getattr(c, f"fixed_{n}") + price * n for c in own])
+            fixed = np.array([getattr(c, f"fixed_{n}") + price * n for c in group])
             lines.append(f"  {n:>2} rollouts: {_mean(fixed)}; advised less {_mean(fixed - advised)}")
     return "\n".join(lines)
 
@@ -120,7 +120,7 @@ def main() -> None:
             if (identifier, seed) not in done:
                 cases.append(case(identifier, seed, options.price))
                 write_table(Case, options.csv, cases)
-    print(told(cases))
+    print(summary(cases))
 
 
 if __name__ == "__main__":

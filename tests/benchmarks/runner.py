@@ -31,21 +31,21 @@ def prepare(case: Case) -> Row:
     if not 1 <= len(case.hidden) <= 2 or case.stranger:
         return {}
     made = world(case)
-    found = {}
+    by_effect = {}
     if case.size == "weak":
         (name,) = case.hidden
         chosen, decidability = scaled(training(made), name, AIM)
-        found, numbers = {name: decidability}, dict(chosen.numbers)
+        by_effect, numbers = {name: decidability}, dict(chosen.numbers)
     else:
         numbers = dict(made.numbers)
         for name in case.hidden:
             beside = next((n for n in case.hidden if n != name), None)
-            found[name] = decide(training(made), name, beside)
+            by_effect[name] = decide(training(made), name, beside)
     return {
         "numbers": numbers,
-        "evidence": {k: d.evidence for k, d in found.items()},
-        "least": {k: d.least for k, d in found.items()},
-        "rival": {k: d.worst for k, d in found.items()},
+        "evidence": {k: d.evidence for k, d in by_effect.items()},
+        "least": {k: d.least for k, d in by_effect.items()},
+        "rival": {k: d.worst for k, d in by_effect.items()},
     }
 
 
@@ -53,8 +53,8 @@ def solve(case: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, d
     """What can be decided, and each method's answer to the case's log."""
     prepared = prepare(case) if known is None else known
     log = records(case, world(case, prepared.get("numbers")))
-    told = LOGS[case.log].told
-    return prepared, {m: asdict(ask(m, log, told)) for m in methods}
+    claimed = LOGS[case.log].claimed
+    return prepared, {m: asdict(ask(m, log, claimed)) for m in methods}
 
 
 class Store:
@@ -110,9 +110,9 @@ def run(
     known = store.read("decidability")
     done: dict[str, Row] = {m: {} if again else store.read(m) for m in methods}
     open_cases = [(c, [m for m in methods if c.key not in done[m]]) for c in cases]
-    open_cases = [(c, own) for c, own in open_cases if own]
+    open_cases = [(c, unanswered) for c, unanswered in open_cases if unanswered]
     with processes(workers) as pool:
-        jobs = {pool.submit(solve, c, own, known.get(c.key)): c for c, own in open_cases}
+        jobs = {pool.submit(solve, c, unanswered, known.get(c.key)): c for c, unanswered in open_cases}
         for count, job in enumerate(as_completed(jobs), 1):
             case, (prepared, answers) = jobs[job], job.result()
             if case.key not in known:

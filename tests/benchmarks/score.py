@@ -40,7 +40,7 @@ def first_right(case: Case, answer: Answer) -> bool:
     return bool(answer.ranking) and answer.ranking[0] in indistinguishable(hidden) | SAME_AS.get(hidden, set())
 
 
-def found(case: Case, answer: Answer) -> bool:
+def all_named(case: Case, answer: Answer) -> bool:
     """Every hidden effect is named, each in a group of its own."""
     named = {effect for group in answer.named for effect in group}
     return all(indistinguishable(name) & named or SAME_AS.get(name, {name}) <= named for name in case.hidden)
@@ -50,12 +50,12 @@ def exact(case: Case, answer: Answer) -> bool:
     """All that is hidden is named, and nothing else."""
     named = {effect for group in answer.named for effect in group}
     expected = sum(1 if indistinguishable(name) & named else len(SAME_AS.get(name, {name})) for name in case.hidden)
-    return found(case, answer) and len(answer.named) == expected
+    return all_named(case, answer) and len(answer.named) == expected
 
 
 def noticed(case: Case, answer: Answer) -> bool:
     """The hidden effect is named, or listed as too small to matter."""
-    return found(case, answer) or bool(indistinguishable(case.hidden[0]) & set(answer.small))
+    return all_named(case, answer) or bool(indistinguishable(case.hidden[0]) & set(answer.small))
 
 
 def silent(answer: Answer) -> bool:
@@ -90,7 +90,7 @@ def right(case: Case, answer: Answer) -> bool:
     if case.column == "weak":
         return first_right(case, answer) and noticed(case, answer)
     if len(case.hidden) > 1:
-        return found(case, answer)
+        return all_named(case, answer)
     return first_right(case, answer)
 
 
@@ -126,7 +126,7 @@ def columns(cases: Sequence[Case]) -> dict[str, list[Case]]:
         planted = [c for c in whole if c.hidden]
         split[name] = planted or whole
         split[f"{name}: nothing"] = [c for c in whole if planted and not c.hidden]
-    return {name: own for name, own in split.items() if own}
+    return {name: part for name, part in split.items() if part}
 
 
 def table(
@@ -136,6 +136,6 @@ def table(
     rule: str = "right",
 ) -> str:
     """The score table in Markdown: a column of cases a row, a method a column."""
-    scores = {name: [cell(own, a, prepared, rule) for a in answers.values()] for name, own in columns(cases).items()}
+    scores = {name: [cell(part, a, prepared, rule) for a in answers.values()] for name, part in columns(cases).items()}
     rows = [(name, *cells) for name, cells in scores.items() if any(c.total for c in cells)]
     return markdown(("cases", *answers), ["---"] * (1 + len(answers)), rows) if rows else ""

@@ -18,8 +18,8 @@ DT = CLEAN.dt
 
 
 def hidden(effect, size="medium", experiment="steps", seed=0):
-    own = plan(experiment, CLEAN, np.random.default_rng(seed))
-    return World(own, numbers_of(effect, size, DT, float(np.max(np.abs(own.u)))), 0.0, CLEAN)
+    planned = plan(experiment, CLEAN, np.random.default_rng(seed))
+    return World(planned, numbers_of(effect, size, DT, float(np.max(np.abs(planned.u)))), 0.0, CLEAN)
 
 
 def test_truth_converges_with_the_square_of_the_step():
@@ -54,8 +54,8 @@ def test_friction_holds_until_the_drive_exceeds_it():
 def test_both_engines_agree(effect):
     pytest.importorskip("mujoco", reason="the second engine needs the extra [sim]")
     case = hidden(effect or "coulomb")
-    numbers, own = (dict(case.numbers) if effect else {}), case.plan
-    both = [engine.simulate(numbers, own.u[:3], own.theta[:3], 0.0, DT) for engine in (truth, mujoco_truth)]
+    numbers, planned = (dict(case.numbers) if effect else {}), case.plan
+    both = [engine.simulate(numbers, planned.u[:3], planned.theta[:3], 0.0, DT) for engine in (truth, mujoco_truth)]
     assert np.max(np.abs(both[0].theta - both[1].theta)) < 0.3 * CLEAN.theta
     assert np.max(np.abs(both[0].theta_dot - both[1].theta_dot)) < 0.1 * CLEAN.theta_dot
 
@@ -63,16 +63,16 @@ def test_both_engines_agree(effect):
 def test_evidence_is_what_a_refit_without_the_effect_leaves():
     """The linear response against finite differences of the machine itself, for a small effect."""
     case = World(hidden("drag").plan, {"drag.c": 2e-5}, 0.0, CLEAN)
-    own, bare = case.plan, {"m": truth.NEUTRAL["m"], "l": truth.NEUTRAL["l"]}
+    planned, bare = case.plan, {"m": truth.NEUTRAL["m"], "l": truth.NEUTRAL["l"]}
 
     def read(numbers, theta=0.0, theta_dot=0.0):
-        run = truth.simulate(numbers, own.u, own.theta + theta, theta_dot, DT, step=1e-3)
+        run = truth.simulate(numbers, planned.u, planned.theta + theta, theta_dot, DT, step=1e-3)
         return np.stack([run.theta / CLEAN.theta, run.theta_dot / CLEAN.theta_dot], axis=-1)
 
     nominal, step = read(bare), 1e-5
     starts = [(read(bare, **{k: step}) - nominal) / step for k in ("theta", "theta_dot")]
     base = [((read(bare | {k: bare[k] + step}) - nominal) / step).ravel() for k in ("m", "l")]
-    lanes = np.eye(len(own.theta))[:, :, None, None]
+    lanes = np.eye(len(planned.theta))[:, :, None, None]
     absorbed = np.stack([*base, *((lane * s).ravel() for s in starts for lane in lanes)], axis=1)
     z = (read(case.numbers) - nominal).ravel()
     rest = z - absorbed @ np.linalg.lstsq(absorbed, z, rcond=None)[0]

@@ -22,17 +22,17 @@ def experiment(name, log=SHORT, seed=0):
     return plan(name, log, np.random.default_rng(seed))
 
 
-def run_of(engine, own, dt, numbers=None, **settings):
-    return engine(numbers or {}, own.u, own.theta, 0.0, dt, **settings)
+def run_of(engine, planned, dt, numbers=None, **settings):
+    return engine(numbers or {}, planned.u, planned.theta, 0.0, dt, **settings)
 
 
 @pytest.mark.parametrize("engine", [truth.simulate, coarse_truth.simulate])
 def test_a_servo_without_gains_is_no_servo(engine):
-    own = experiment("steps")
-    servo = Servo(np.zeros_like(own.u), SHORT, np.random.default_rng(1), kp=0.0, kd=0.0)
-    looped, opened = (run_of(engine, own, SHORT.dt, feedback=f) for f in (servo, None))
+    planned = experiment("steps")
+    servo = Servo(np.zeros_like(planned.u), SHORT, np.random.default_rng(1), kp=0.0, kd=0.0)
+    looped, opened = (run_of(engine, planned, SHORT.dt, feedback=f) for f in (servo, None))
     assert np.array_equal(looped.theta, opened.theta)
-    assert np.array_equal(looped.u, own.u)
+    assert np.array_equal(looped.u, planned.u)
 
 
 @pytest.mark.parametrize("name", SERVOS)
@@ -49,18 +49,18 @@ def test_the_log_holds_the_readings_that_its_servo_read(name, log):
 
 def test_an_encoder_is_half_a_step_off_at_most_and_differences_add_up_to_its_angle():
     log = replace(SHORT, theta=0.0, theta_dot=None, differenced=True)
-    own = experiment("steps", log)
-    (motion,) = move([World(own, {}, 0.0, log)])
-    for i, record in enumerate(write(motion, own, log, np.random.default_rng(0))):
+    planned = experiment("steps", log)
+    (motion,) = move([World(planned, {}, 0.0, log)])
+    for i, record in enumerate(write(motion, planned, log, np.random.default_rng(0))):
         assert np.max(np.abs(record.theta - motion.theta[i])) <= 0.5 * ENCODER + 1e-12
         assert record.theta[0] + log.dt * np.cumsum(record.theta_dot) == pytest.approx(record.theta)
 
 
 def test_a_link_on_a_stiff_spring_moves_as_a_rigid_one():
     """The static deflection falls with the square of the resonance, and so does what is left of the difference."""
-    own = experiment("multisine")
+    planned = experiment("multisine")
     rigid, *flexible = (
-        run_of(truth.simulate, own, SHORT.dt, {"flexible.f": f}).theta for f in (np.inf, 40.0, 80.0, 160.0)
+        run_of(truth.simulate, planned, SHORT.dt, {"flexible.f": f}).theta for f in (np.inf, 40.0, 80.0, 160.0)
     )
     off = [np.sqrt(np.mean((theta - rigid) ** 2)) for theta in flexible]
     assert off[1] < 0.35 * off[0]
@@ -85,10 +85,10 @@ def test_a_flexible_joint_rings_at_its_resonance():
 
 @pytest.mark.parametrize("numbers", [{}, {"viscous.b": 0.1}, {"coulomb.tau_c": 0.12}])
 def test_the_coarse_simulator_nears_the_fine_one_with_its_step(numbers):
-    own = experiment("steps")
-    fine = run_of(truth.simulate, own, SHORT.dt, numbers).theta
+    planned = experiment("steps")
+    fine = run_of(truth.simulate, planned, SHORT.dt, numbers).theta
     off = [
-        np.sqrt(np.mean((run_of(coarse_truth.simulate, own, SHORT.dt, numbers, step=h).theta - fine) ** 2))
+        np.sqrt(np.mean((run_of(coarse_truth.simulate, planned, SHORT.dt, numbers, step=h).theta - fine) ** 2))
         for h in (4e-3, 2e-3, 1e-3)
     ]
     assert off[1] == pytest.approx(0.5 * off[0], rel=0.2)
@@ -96,16 +96,16 @@ def test_the_coarse_simulator_nears_the_fine_one_with_its_step(numbers):
 
 
 def test_what_a_coarse_simulator_lacks_is_said():
-    own = experiment("steps")
+    planned = experiment("steps")
     with pytest.raises(KeyError, match="tilt"):
-        run_of(coarse_truth.simulate, own, SHORT.dt, {"tilt.alpha": 0.1})
+        run_of(coarse_truth.simulate, planned, SHORT.dt, {"tilt.alpha": 0.1})
 
 
 def test_mujoco_delays_as_the_truth_does():
     pytest.importorskip("mujoco", reason="the second engine needs the extra [sim]")
-    own = experiment("steps")
+    planned = experiment("steps")
     both = [
-        run_of(engine, own, SHORT.dt, {"delay.T": 0.03}).theta for engine in (truth.simulate, mujoco_truth.simulate)
+        run_of(engine, planned, SHORT.dt, {"delay.T": 0.03}).theta for engine in (truth.simulate, mujoco_truth.simulate)
     ]
     assert np.max(np.abs(both[0] - both[1])) < 1e-3
 
@@ -116,8 +116,8 @@ def test_semi_implicit_euler_shows_the_angle_half_a_step_early(engine):
     if engine != "euler":
         pytest.importorskip("mujoco", reason="the second engine needs the extra [sim]")
     step = {"euler": 1e-3, "mujoco by default": mujoco_truth.DEFAULT_STEP}[engine]
-    own = experiment("multisine")
-    fine, coarse = (run_of(simulate, own, SHORT.dt) for simulate in (truth.simulate, ENGINES[engine]))
+    planned = experiment("multisine")
+    fine, coarse = (run_of(simulate, planned, SHORT.dt) for simulate in (truth.simulate, ENGINES[engine]))
     early = fine.theta + 0.5 * step * fine.theta_dot
     assert np.std(coarse.theta - early) < 0.1 * np.std(coarse.theta - fine.theta)
     assert np.std(coarse.theta_dot - fine.theta_dot) < 1e-4
@@ -146,7 +146,9 @@ def invented(case, methods, known):
 
 def test_a_resumed_run_asks_only_what_is_open(tmp_path):
     store, cases = Store(tmp_path), [example(seed) for seed in range(3)]
-    first, second = ([c.seed for c, *_ in run(own, ["ours"], store, 1, solve=invented)] for own in (cases[:2], cases))
+    first, second = (
+        [c.seed for c, *_ in run(asked, ["ours"], store, 1, solve=invented)] for asked in (cases[:2], cases)
+    )
     assert sorted(first) == [0, 1]
     assert second == [2]
     assert all(right(c, store.answers("ours")[c.key]) for c in cases)

@@ -9,8 +9,8 @@ pytestmark = pytest.mark.long
 
 
 def test_a_world_pushes_with_the_torque_that_its_key_tells():
-    own = case(7, 0.1, 0.3)
-    made = world(own, 0.1, 0.3)
+    chosen = case(7, 0.1, 0.3)
+    made = world(chosen, 0.1, 0.3)
     assert made.gust == 1.0
     assert np.std(made.plan.wind) == pytest.approx(0.1, rel=0.2)
     assert {k.split(".")[0] for k in made.numbers} == {EFFECTS[7 % len(EFFECTS)]}

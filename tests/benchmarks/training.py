@@ -45,8 +45,8 @@ def products(hidden: Sequence[int], observation: int = 3, action: int = 1) -> fl
     """
     actor, critic = [observation, *hidden, 2 * action], [observation + action, *hidden, 1]
     sizes = {name: [a * b for a, b in pairwise(layers)] for name, layers in (("actor", actor), ("critic", critic))}
-    forward = {name: sum(own) for name, own in sizes.items()}
-    learned = {name: 2 * sum(own) - own[0] for name, own in sizes.items()}
+    forward = {name: sum(weights) for name, weights in sizes.items()}
+    learned = {name: 2 * sum(weights) - weights[0] for name, weights in sizes.items()}
     through = sum(sizes["critic"][1:]) + hidden[0] * action
     return 2.0 * BATCH * (2 * forward["actor"] + 6 * forward["critic"] + learned["actor"] + 2 * learned["critic"]
                           + 2 * through)  # fmt: skip
@@ -69,13 +69,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for hidden in given.hidden:
         turns += [(SB3, hidden, 1), (SB3_TUNED, hidden, 1)] if find_spec("stable_baselines3") else []
         turns += [(who, hidden, agents) for agents in given.agents for who in (SACLOSS, OURS)]
-    found = defaultdict(list)
+    results = defaultdict(list)
     for lap in range(given.rounds):
         for who, hidden, agents in turns:
             print(f"\rround {lap + 1} of {given.rounds}: {who} {hidden} {agents}   ", end="", file=sys.stderr)
-            found[who, hidden, agents].append(turn(who, hidden, agents, given.seconds))
+            results[who, hidden, agents].append(turn(who, hidden, agents, given.seconds))
     print(file=sys.stderr)
-    print(_table(found))
+    print(_table(results))
     return 0
 
 
@@ -87,9 +87,9 @@ def turn(who: str, hidden: int, agents: int, seconds: float) -> dict[str, float]
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def _table(found: dict[tuple[str, int, int], list[dict[str, float]]]) -> str:
-    rate = {key: statistics.median(turn["rate"] for turn in turns) for key, turns in found.items()}
-    memory = {key: max(turn["memory"] for turn in turns) for key, turns in found.items()}
+def _table(results: dict[tuple[str, int, int], list[dict[str, float]]]) -> str:
+    rate = {key: statistics.median(turn["rate"] for turn in turns) for key, turns in results.items()}
+    memory = {key: max(turn["memory"] for turn in turns) for key, turns in results.items()}
     peak = rate.pop((PEAK, 0, 1))
     first = rate.get((SB3, 256, 1))
     head = ("trainer", "networks", "agents", "agent-steps / CPU-second", "times SB3, same networks",

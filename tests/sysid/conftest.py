@@ -101,7 +101,7 @@ def roll_numpy(model: Model, u: np.ndarray) -> Rolled:
 def nested(flat: ca.SX, like: tuple[tuple[object, ...], ...]) -> tuple[tuple[ca.SX, ...], ...]:
     """A flat vector of memories, effect by effect."""
     values = iter(ca.vertsplit(flat)) if flat.numel() else iter(())
-    return tuple(tuple(next(values) for _ in own) for own in like)
+    return tuple(tuple(next(values) for _ in part) for part in like)
 
 
 def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
@@ -113,7 +113,7 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
     memory = ca.SX.sym("memory", sum(map(len, rest)))
     torques, after = symbolic.drive(command, nested(memory, rest))
     drive = ca.Function(
-        "drive", [memory, command, p], [ca.vertcat(*(v for own in after for v in own)), ca.vertcat(*torques)]
+        "drive", [memory, command, p], [ca.vertcat(*(v for part in after for v in part)), ca.vertcat(*torques)]
     )
     inner, watches = model.inner_rest(), sum(map(len, watching))
     x, held = ca.SX.sym("x", 2 + watches + sum(map(len, inner))), ca.SX.sym("held", len(torques))
@@ -121,14 +121,14 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
     *moved, inner_then = symbolic.move_with_inner(
         x[0], x[1], nested(x[2 + watches :], inner), tuple(ca.vertsplit(held)), t
     )
-    x_after = ca.vertcat(*moved, *(v for own in (*watched, *inner_then) for v in own))
+    x_after = ca.vertcat(*moved, *(v for part in (*watched, *inner_then) for v in part))
     step = ca.Function("step", [x, held, t, p], [x_after, ca.vertcat(x[:2], *reading)])
     n, P, ahead = len(u), ca.MX.sym("P", len(names)), model.ahead
     fed = np.concatenate([u, np.full(ahead, u[-1])]).reshape(1, -1)
-    start = ca.DM([v for own in rest for v in own])
+    start = ca.DM([v for part in rest for v in part])
     drives = drive.mapaccum("drives", n + ahead)(start, fed, ca.repmat(P, 1, n + ahead))[1][:, ahead:]
-    seen = (v for own in symbolic.sensing(ca.SX(math.pi), ca.SX(0.0)) for v in own)
-    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen, *(v for own in inner for v in own))])(P)
+    seen = (v for part in symbolic.sensing(ca.SX(math.pi), ca.SX(0.0)) for v in part)
+    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen, *(v for part in inner for v in part))])(P)
     times = model.dt * np.arange(n + 1).reshape(1, -1)
     drives = ca.horzcat(drives, drives[:, -1])
     path = step.mapaccum("path", n + 1)(start, drives, times, ca.repmat(P, 1, n + 1))[1]

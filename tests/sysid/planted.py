@@ -131,7 +131,7 @@ def accelerated(
     if push is not None:
         torque[push[0], round(4.0 / DT) : round(4.5 / DT)] += push[1]
     run = simulate(model, u + torque, math.pi + rng.uniform(-1.0, 1.0, count), np.zeros(count))
-    return run, [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
+    return run, [dataclasses.replace(r, u=commands) for r, commands in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
 def distance(estimate: Estimate, truth: Mapping[str, float]) -> float:
@@ -162,14 +162,14 @@ def papers_records(model: Model, n: int, seed: int, sensor: Sensor, noise: np.ra
 
 def assert_named(effect: Effect, records: Sequence[Record]) -> Diagnosis:
     """A diagnosis of the plain rod names the effect and nothing else, at its size."""
-    found = diagnose(rod(), records, SENSOR)
-    assert found.verdict == "missing"
-    assert [s.effect for s in found.steps] == [effect.name]
+    diagnosis = diagnose(rod(), records, SENSOR)
+    assert diagnosis.verdict == "missing"
+    assert [s.effect for s in diagnosis.steps] == [effect.name]
     for key, p in effect.parameters.items():
-        said = found.steps[0].parameters[f"{effect.name}.{key}"]
+        said = diagnosis.steps[0].parameters[f"{effect.name}.{key}"]
         assert abs(said["value"] - float(p.value)) < 4.5 * said["sd"]
-    assert found.error.ratio < 1.1
-    return found
+    assert diagnosis.error.ratio < 1.1
+    return diagnosis
 
 
 def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None, T: float = 0.5) -> list[Record]:
@@ -183,7 +183,7 @@ def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None,
     theta = math.pi + np.linspace(-0.8, 0.8, len(u))
     d = with_memory(rms * rng.standard_normal(u.shape), T)
     made = SENSOR.measure(simulate(model, u + d, theta, np.zeros(len(u))), rng)
-    return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
+    return [dataclasses.replace(r, u=commands) for r, commands in zip(made, u, strict=True)]
 
 
 def under_control(

@@ -76,9 +76,9 @@ def write_bag(path, columns, storage="SQLITE3", joints=("shoulder",), effort=Tru
             stamp = round(1e9 * t)
             for connection, kind, values in numbers:
                 writer.write(connection, stamp, store.serialize_cdr(_number(store, kind, values[k]), kind))
-            own = [np.array([columns[c][k], *others]) for c in ("theta", "theta_dot", "torque")]
+            readings = [np.array([columns[c][k], *others]) for c in ("theta", "theta_dot", "torque")]
             header = Header(Time(*divmod(stamp, 10**9)), "")
-            message = State(header, list(joints), own[0], own[1], own[2] if effort else np.zeros(0))
+            message = State(header, list(joints), readings[0], readings[1], readings[2] if effort else np.zeros(0))
             writer.write(states, stamp, store.serialize_cdr(message, state))
     return path
 

@@ -61,14 +61,14 @@ def test_python_answers_as_the_command_does(tmp_path, capsys):
     answer = str(tmp_path / "answer.json")
     options = ("--plant", "joint", "--zero", "hanging", "--json", answer)
     assert main(["diagnose", str(tmp_path / "swing.csv"), *options]) == 0
-    told = json.loads(Path(answer).read_text())
+    stored = json.loads(Path(answer).read_text())
     log = sysid.read(tmp_path / "swing.csv", zero="hanging")
     assert log.dt == pytest.approx(0.02) and log[0].whole.dt == pytest.approx(0.002)
-    found = sysid.diagnose(sysid.Model(sysid.GeneralJoint(), dt=log.dt), log)
-    assert found.verdict == told["verdict"] == "missing" and [s.effect for s in found.steps] == ["viscous"]
-    for name, value in found.estimate.values.items():
-        assert value == pytest.approx(told["parameters"][name]["value"], rel=1e-3)
-    assert repr(found) == str(found) and str(found).splitlines()[0] in capsys.readouterr().out
+    diagnosis = sysid.diagnose(sysid.Model(sysid.GeneralJoint(), dt=log.dt), log)
+    assert diagnosis.verdict == stored["verdict"] == "missing" and [s.effect for s in diagnosis.steps] == ["viscous"]
+    for name, value in diagnosis.estimate.values.items():
+        assert value == pytest.approx(stored["parameters"][name]["value"], rel=1e-3)
+    assert repr(diagnosis) == str(diagnosis) and str(diagnosis).splitlines()[0] in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("torque", "wrong"), [(0.005, False), (1.2, True)], ids=["next to the noise", "a wrong sign"])
@@ -96,15 +96,15 @@ def test_the_whole_loop(hidden, tmp_path, capsys):
 
     assert main(["diagnose", *hidden, "--model", model, "--json", answer, "-o", better]) == 0
     assert capsys.readouterr().out.splitlines()[2].startswith("missing: coulomb")
-    found = json.loads(Path(answer).read_text())
-    assert found["schema"] == "gapfinder/diagnosis/1" and found["verdict"] == "missing"
+    diagnosis = json.loads(Path(answer).read_text())
+    assert diagnosis["schema"] == "gapfinder/diagnosis/1" and diagnosis["verdict"] == "missing"
     saved = sysid.load(better)
     assert [e.name for e in saved.model.effects] == ["coulomb"]
-    assert saved.estimate.values == pytest.approx({k: v["value"] for k, v in found["parameters"].items()})
-    assert found["base_error"] == pytest.approx(off, rel=0.01)
-    (step,) = found["steps"]
+    assert saved.estimate.values == pytest.approx({k: v["value"] for k, v in diagnosis["parameters"].items()})
+    assert diagnosis["base_error"] == pytest.approx(off, rel=0.01)
+    (step,) = diagnosis["steps"]
     tau_c = step["parameters"]["coulomb.tau_c"]
-    assert step["effect"] == found["ranking"][0]["effect"] == "coulomb"
+    assert step["effect"] == diagnosis["ranking"][0]["effect"] == "coulomb"
     assert abs(tau_c["value"] - 0.15) < 4.0 * tau_c["sd"] < 0.01
     assert 0.9 < step["error_after"] < 1.1
 
@@ -395,8 +395,8 @@ OTHERS = {
 def test_what_others_wrote_is_never_replaced(words, content, hidden, tmp_path, capsys):
     theirs = tmp_path / "measured.csv"
     theirs.write_text(content)
-    own = {"LOG": hidden[0], "FILE": str(theirs)}
-    assert "no answer of ours: expected another name" in refused([own.get(w, w) for w in words], capsys)
+    replacements = {"LOG": hidden[0], "FILE": str(theirs)}
+    assert "no answer of ours: expected another name" in refused([replacements.get(w, w) for w in words], capsys)
     assert theirs.read_text() == content
 
 
@@ -449,9 +449,9 @@ def test_a_servo_told_by_its_commands(tmp_path, capsys):
     assert main(["diagnose", *files, "--json", str(answer)]) == 0
     said = capsys.readouterr().out
     assert "motion alone cannot show position_servo.k_p: it stays at 1 N m/rad" in said
-    found = json.loads(answer.read_text())
-    assert [s["effect"] for s in found["steps"]] == ["coulomb"], said
-    assert found["parameters"]["coulomb.tau_c"]["value"] == pytest.approx(0.2 / 6.0, rel=0.03)
+    diagnosis = json.loads(answer.read_text())
+    assert [s["effect"] for s in diagnosis["steps"]] == ["coulomb"], said
+    assert diagnosis["parameters"]["coulomb.tau_c"]["value"] == pytest.approx(0.2 / 6.0, rel=0.03)
     assert main(["fit", *files, "--set", "position_servo.k_p=6"]) == 0
     assert "motion alone" not in capsys.readouterr().out
     assert main(["fit", *files, "--set", "J=0.04", "--set", "G=1", "--with", "coulomb"]) == 0

@@ -105,15 +105,15 @@ def test_what_a_poor_log_confuses_comes_apart_with_the_evidence_promised(
     assert e.after > max(16.0, 3.0 * e.before)
     promised = next(c.after for c in sized.pairs if c.truth == effect.name)
     for answer, most in ((sized, promised), (e, None)):
-        found = []
+        evidence = []
         for seed in range(4):
             base = output_error(played(answer, truth, 100 + seed))
-            told = scores(base, (effect.name, rival))
-            left = {name: extended(base, [s.best.at(s.sizes)], KNOWN).e for name, s in told.items()}
-            found.append(left[rival] @ left[rival] - left[effect.name] @ left[effect.name])
-        assert min(found) > 9.0, "another effect is named first"
+            tested = scores(base, (effect.name, rival))
+            left = {name: extended(base, [s.best.at(s.sizes)], KNOWN).e for name, s in tested.items()}
+            evidence.append(left[rival] @ left[rival] - left[effect.name] @ left[effect.name])
+        assert min(evidence) > 9.0, "another effect is named first"
         if most is not None:  # a non-central chi-square: mean = the promise, variance 4 times that
-            assert abs(np.mean(found) - most) < 3.0 * 2.0 * math.sqrt(most / len(found)) + 0.15 * most
+            assert abs(np.mean(evidence) - most) < 3.0 * 2.0 * math.sqrt(most / len(evidence)) + 0.15 * most
 
 
 @pytest.mark.parametrize("theta_max", [0.3, 2.0])
@@ -156,8 +156,8 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     signals = random_signals(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
     ours = Pool([truth, rival], signals, CONDITIONS).unlike("viscous", "drag").unexplained()[0]
 
-    told = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
-    z = {name: s.z[:, 0] for name, s in told.items()}
+    tested = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
+    z = {name: s.z[:, 0] for name, s in tested.items()}
     rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
     assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
 
@@ -165,16 +165,18 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
 @pytest.mark.parametrize(
     ("truth", "rival"),
     [(Viscous(b=0.03), "drag"), (Coulomb(tau_c=0.005), "viscous"), (Delay(T=0.03), "lag"), (Lag(T=0.03), "delay")],
-    ids=lambda own: getattr(own, "name", own),
+    ids=lambda case: getattr(case, "name", case),
 )
 def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) -> None:
     """With the rival at its best numbers, also where the effect is large: the two motions differ little."""
-    own = Hypothesis(truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}"))
+    hypothesis = Hypothesis(
+        truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}")
+    )
     signals = [Signal("multisine", 0.8, 0.3, 0.1, 1.0, 1.0, 0.0, seed) for seed in range(2)]
-    base = output_error(predict(own.model, signals, CONDITIONS))
+    base = output_error(predict(hypothesis.model, signals, CONDITIONS))
     score = scores(base, (rival,))[rival]
     best = extended(base, [score.best.at(score.sizes)], KNOWN)
-    pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
+    pool = Pool([hypothesis, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
     assert pool.unlike(truth.name, rival).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
 
 
@@ -184,13 +186,13 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     disturbances = Disturbances(0.3, 0.5, 0.002, 0.1)
     hypothesis = Hypothesis("model", rod(), NAMES)
     calm, shaken = (
-        Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision()
-        for own in (NO_DISTURBANCE, disturbances)
+        Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, assumed)).precision()
+        for assumed in (NO_DISTURBANCE, disturbances)
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
     samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)
-    found = solver.fit_parameters(samples, rod(), NAMES, None, disturbances, KNOWN)
-    np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
+    refit = solver.fit_parameters(samples, rod(), NAMES, None, disturbances, KNOWN)
+    np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(refit.covariance)), rtol=0.05)
 
 
 @pytest.mark.long
@@ -198,9 +200,9 @@ def test_what_acts_beside_the_model_will_act_again() -> None:
     """A rod that rubs, fitted without friction: the next log is promised to tell about as much as it does."""
     rubbing = log(rod().with_effect(Coulomb(tau_c=0.02)), slow_sines(), 1.5 * slow_sines())
     estimate = fit(rod(), rubbing, SENSOR, NAMES)
-    honest, told = (next_experiment(estimate, limits=LIMITS, records=own) for own in (rubbing, ()))
+    honest, from_estimate = (next_experiment(estimate, limits=LIMITS, records=records) for records in (rubbing, ()))
     naive = next_experiment(replace(estimate, random_torque=0.0), limits=LIMITS)
-    assert min(honest.after, told.after) > 2.0 * naive.after, "the estimate knows it, too, without the records"
+    assert min(honest.after, from_estimate.after) > 2.0 * naive.after, "the estimate knows it, too, without the records"
     again = fit(rod(), played(honest, rod().with_effect(Coulomb(tau_c=0.02)), 3), SENSOR, NAMES)
     assert 0.3 < 1.96 * again.sd[honest.widest] / honest.after < 3.0, "friction is not an Ornstein-Uhlenbeck process"
 
@@ -213,7 +215,7 @@ def test_a_motion_that_runs_away_spoils_no_other() -> None:
         Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1),
     ]
     with np.errstate(all="ignore"):
-        both, alone = (Pool([driven], own, Conditions(Limits(2.0), SENSOR)) for own in (signals, signals[1:]))
+        both, alone = (Pool([driven], subset, Conditions(Limits(2.0), SENSOR)) for subset in (signals, signals[1:]))
         np.testing.assert_allclose(both.precision().F[1], alone.precision().F[0], rtol=1e-6)
         assert both.stays().tolist() == [False, True]
 
@@ -222,10 +224,10 @@ def test_a_log_that_tells_more_is_not_followed_by_a_poorer_one() -> None:
     """A long log under a large torque, and a rig that may do next to nothing: it is said, and nothing is advised."""
     truth, poor = rod().with_effect(Coulomb(tau_c=0.02)), Limits(0.2, 2.0)
     rich = log(truth, in_phase(), 2.0 * slow_sines()[:200], 1.5 * slow_sines()[:200])
-    told = next_experiment(rod(), ("coulomb", "viscous"), poor, SENSOR, rich)
-    assert (told.kind, told.after, told.u.size) == ("none", None, 0)
-    assert told.before > max(16.0, min(c.after for c in told.pairs))
-    assert "the log at hand tells coulomb from viscous" in told.description
+    experiment = next_experiment(rod(), ("coulomb", "viscous"), poor, SENSOR, rich)
+    assert (experiment.kind, experiment.after, experiment.u.size) == ("none", None, 0)
+    assert experiment.before > max(16.0, min(c.after for c in experiment.pairs))
+    assert "the log at hand tells coulomb from viscous" in experiment.description
     known = next_experiment(rod(), (), poor, SENSOR, log(rod(), 2.0 * slow_sines()))
     assert (known.kind, known.measure, known.u.size) == ("none", "interval", 0)
     assert known.widest in known.description
@@ -322,8 +324,8 @@ def test_the_csv_plays_the_same_torque(rollouts: int, tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert ("rollout" in rows[0]) == (rollouts > 1)
     for i in range(rollouts):
-        own = [r for r in rows if int(r.get("rollout", 0)) == i]
-        t, torque = (np.array([float(r[c]) for r in own]) for c in ("t", "torque"))
+        of_rollout = [r for r in rows if int(r.get("rollout", 0)) == i]
+        t, torque = (np.array([float(r[c]) for r in of_rollout]) for c in ("t", "torque"))
         held = torque[np.searchsorted(t, e.t[:-1] + 0.5 * e.dt, side="right") - 1]
         np.testing.assert_array_equal(held, e.u[i])
 
@@ -340,7 +342,7 @@ def test_the_answer_is_plain_data_and_a_sentence() -> None:
 
 def test_a_single_rival_is_told_from_its_absence() -> None:
     alone, listed = (
-        next_experiment(rod(), own, Limits(1.0, 3.0), SENSOR) for own in (Viscous(b=0.01), [Viscous(b=0.01)])
+        next_experiment(rod(), rivals, Limits(1.0, 3.0), SENSOR) for rivals in (Viscous(b=0.01), [Viscous(b=0.01)])
     )
     assert alone.to_dict() == listed.to_dict()
     assert {(c.truth, c.rival) for c in alone.pairs} == {("viscous", "nothing")}
@@ -378,11 +380,11 @@ def test_a_payload_shows_the_torque_gain() -> None:
     assert f"hang {mass:g} kg on it, {distance:g} m from the axis" in asked.description
     J, G = float(rod().inertia()), float(rod().plant.gravity_torque(0.5 * math.pi))
     loaded = J + mass * distance**2, G + mass * 9.81 * distance
-    found = []
+    estimates = []
     for seed, numbers in enumerate(((J, G), loaded)):
         truth = Model(GeneralJoint(*numbers), (TorqueGain(c=1.1),), dt=0.02)
-        found.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), log(truth, slow_sines(), seed=seed), SENSOR))
-    step = found[1].values["J"] - found[0].values["J"]
+        estimates.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), log(truth, slow_sines(), seed=seed), SENSOR))
+    step = estimates[1].values["J"] - estimates[0].values["J"]
     assert mass * distance**2 / step == pytest.approx(1.1, abs=0.03)  # (J + m r^2) / c - J / c
 
 

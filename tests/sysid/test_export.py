@@ -57,13 +57,13 @@ def played(text, u, theta, dt, name="drive"):
     data, steps = mujoco.MjData(model), round(dt / model.opt.timestep)
     assert steps * model.opt.timestep == pytest.approx(dt)
     data.qpos[0] = theta
-    found = [theta]
+    angles = [theta]
     for command in u:
         if model.nu:
             data.ctrl[0] = command
         mujoco.mj_step(model, data, steps)
-        found.append(data.qpos[0])
-    return np.array(found)
+        angles.append(data.qpos[0])
+    return np.array(angles)
 
 
 def commands(seed, model):
@@ -289,16 +289,16 @@ def test_a_reader_of_urdf_plays_what_the_model_does(plant):
     text = to_urdf(model, "shoulder").text
     if plant.turns:
         options = '<mujoco><option timestep="0.0005" integrator="RK4"/></mujoco></robot>'
-        found = played(text.replace("</robot>", options), np.zeros(250), 2.5, 0.02)
-        np.testing.assert_allclose(found, sysid.simulate(model, np.zeros(250), 2.5, 0.0).theta, atol=NOISE)
+        angles = played(text.replace("</robot>", options), np.zeros(250), 2.5, 0.02)
+        np.testing.assert_allclose(angles, sysid.simulate(model, np.zeros(250), 2.5, 0.0).theta, atol=NOISE)
     (joint,) = ElementTree.fromstring(text).iter("joint")
     assert joint.get("name") == "shoulder" and joint.get("type") == ("continuous" if plant.turns else "prismatic")
 
 
 def test_urdf_holds_friction_and_the_limit():
     text = to_urdf(Model(ROD, (*FRICTION, sysid.Saturation(1.5)), u_max=2.0)).text
-    found = {e.tag: e.attrib for e in ElementTree.fromstring(text).iter()}
-    assert found["dynamics"] == {"damping": "0.05", "friction": "0.15"} and found["limit"]["effort"] == "1.5"
+    attributes = {e.tag: e.attrib for e in ElementTree.fromstring(text).iter()}
+    assert attributes["dynamics"] == {"damping": "0.05", "friction": "0.15"} and attributes["limit"]["effort"] == "1.5"
 
 
 # ---- the command line --------------------------------------------------------------------------------------------
@@ -329,8 +329,8 @@ def test_the_ending_says_the_language(folder, tmp_path, capsys):
     assert not (tmp_path / "no.urdf").exists()
     answer = tmp_path / "answer.json"
     assert main([*words, str(tmp_path / "arm.xml"), "--force", "--json", str(answer)]) == 0
-    told = json.loads(answer.read_text())
-    assert told["text"] == (tmp_path / "arm.xml").read_text() and told["format"] == "MJCF" and told["sentences"]
+    saved = json.loads(answer.read_text())
+    assert saved["text"] == (tmp_path / "arm.xml").read_text() and saved["format"] == "MJCF" and saved["sentences"]
 
 
 def test_the_command_line_changes_a_users_file(folder, tmp_path, capsys):

@@ -48,8 +48,8 @@ def test_information_equals_that_of_the_simulator(case, sensor):
     S = np.stack([(readings(z + d) - readings(z - d)) / (2 * d.sum()) for d in np.diag(h)], axis=1)
     M = S.T @ S
     expected = M[2:, 2:] - M[2:, :2] @ np.linalg.solve(M[:2, :2], M[:2, 2:])
-    found = fisher_information(model, names, [record], sensor, starts([record]))
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
+    information = fisher_information(model, names, [record], sensor, starts([record]))
+    np.testing.assert_allclose(information, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("case", MODELS)

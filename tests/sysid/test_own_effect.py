@@ -78,11 +78,11 @@ def test_a_formula_means_what_python_means_by_it() -> None:
 
 
 def test_the_class_in_python_is_the_same_effect() -> None:
-    own = OwnEffect("bump", "-a * ((theta - c) / w) * exp(-((theta - c) / w) ** 2)", "c = 3, 3.5; w = 0.2, 0.5")
-    kind = own.checked()
+    effect = OwnEffect("bump", "-a * ((theta - c) / w) * exp(-((theta - c) / w) ** 2)", "c = 3, 3.5; w = 0.2, 0.5")
+    kind = effect.checked()
     try:
         names: dict[str, object] = {"sysid": sysid, "dataclasses": dataclasses}
-        exec(own.source(), names)
+        exec(effect.source(), names)
         again = CATALOGUE.pop("bump")
     finally:
         CATALOGUE.pop("bump", None)
@@ -100,5 +100,5 @@ def test_the_class_in_python_is_the_same_effect() -> None:
 @pytest.mark.parametrize("on", ["theta", "theta_dot", "torque", "time"])
 def test_what_is_suggested_can_be_fitted(on: str) -> None:
     over = {"mean": [0.0, 0.1, -0.4, None, 0.0], "edges": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]}
-    found = {"torque": {"depends_on": [on], "over": {on: over}}}
-    assert suggested(found).checked().name == "my_effect"
+    comparison = {"torque": {"depends_on": [on], "over": {on: over}}}
+    assert suggested(comparison).checked().name == "my_effect"

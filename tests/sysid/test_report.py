@@ -54,7 +54,7 @@ def fitted(records: tuple[Record, ...], sensor: Sensor) -> tuple:
     """What is held out, and without and with friction the fit and its error there."""
     training, held_out = split(records)
     fits = [fit(m, training, sensor, [n for n in m.parameters if n != "g"]) for m in (ROD, STICKY)]
-    return held_out, *((own, held_out_error(own.model, held_out, sensor)) for own in fits)
+    return held_out, *((estimate, held_out_error(estimate.model, held_out, sensor)) for estimate in fits)
 
 
 @cache
@@ -100,12 +100,12 @@ def records() -> list[Record]:
 @pytest.fixture(scope="module")
 def pages(records, tmp_path_factory) -> dict[str, str]:
     """A page for every verdict that shows what no other does, and one of a comparison alone."""
-    folder, found = tmp_path_factory.mktemp("report"), {}
+    folder, texts = tmp_path_factory.mktemp("report"), {}
     answers = {v: diagnosis(records, v) for v in KINDS[:-1]} | {"comparison": compared(records[-1])}
     for name, answer in answers.items():
         write_report(answer, folder / f"{name}.html")
-        found[name] = (folder / f"{name}.html").read_text(encoding="utf-8")
-    return found
+        texts[name] = (folder / f"{name}.html").read_text(encoding="utf-8")
+    return texts
 
 
 def text(page: str) -> str:
@@ -365,9 +365,9 @@ def test_an_axis_is_drawn_in_metres_and_newtons(of_axis: Comparison) -> None:
 
 def test_a_model_that_runs_away_is_drawn() -> None:
     lost = ROD.with_effect(Viscous(b=5e4))
-    found = compare(lost, logs(ROD, n=1), SENSOR)
-    assert found.torque is None
-    rendered(plot_comparison(found))
+    comparison = compare(lost, logs(ROD, n=1), SENSOR)
+    assert comparison.torque is None
+    rendered(plot_comparison(comparison))
 
 
 # ---- typography ------------------------------------------------------------------------------------------------------

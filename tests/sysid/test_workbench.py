@@ -57,21 +57,21 @@ def test_the_error_falls_to_the_noise_by_the_effect_that_was_hidden(walked: tupl
     assert after < 1.1
     estimate = load(session.of(1) / Answer.MODEL).estimate
     assert abs(estimate.values["coulomb.tau_c"] - 0.15) < 4.0 * estimate.sd["coulomb.tau_c"] + 1e-3
-    found = session.read(1, Answer.EFFECTS)
-    assert found["verdict"] == "adequate"
-    assert not found["next"]
-    assert found["ruled_out"]
+    diagnosis = session.read(1, Answer.EFFECTS)
+    assert diagnosis["verdict"] == "adequate"
+    assert not diagnosis["next"]
+    assert diagnosis["ruled_out"]
 
 
 @pytest.mark.long
 def test_a_row_says_how_large_an_effect_is_and_what_it_explains(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    own = session.read(0, Answer.EFFECTS)["rows"][0]
-    assert own["effect"] == "coulomb"
-    assert own["explained"] > 0.9
-    assert own["error"] < 1.1
-    assert own["torque"]["over"] == "theta_dot"
-    x, y = (np.array(own["torque"][k]) for k in ("x", "mean"))
+    row = session.read(0, Answer.EFFECTS)["rows"][0]
+    assert row["effect"] == "coulomb"
+    assert row["explained"] > 0.9
+    assert row["error"] < 1.1
+    assert row["torque"]["over"] == "theta_dot"
+    x, y = (np.array(row["torque"][k]) for k in ("x", "mean"))
     assert np.allclose(np.abs(y[np.abs(x) > 1.0]), 0.15, atol=0.02)
     session.change(at=0)
     assert len(effect_picture(session, "coulomb").data) == 4
@@ -116,10 +116,10 @@ def test_a_cancelled_refit_is_taken_back(walked: tuple[Workbench, Session]) -> N
 def test_a_session_survives_a_restart(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     again = Workbench(Sessions(bench.sessions.folder), Jobs())
-    found = again.sessions.find(session.identifier)
-    assert found.state == session.state
-    assert finished(found, 1)
-    assert again.stamps(found) == bench.stamps(session)
+    restored = again.sessions.find(session.identifier)
+    assert restored.state == session.state
+    assert finished(restored, 1)
+    assert again.stamps(restored) == bench.stamps(session)
 
 
 @pytest.mark.long
@@ -196,8 +196,8 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
     with pytest.raises(InvalidInput, match="in the catalogue"):
         bench.try_own(session, OwnEffect("coulomb", "-a * theta_dot"))
     assert session.state.at == 0
-    own = OwnEffect("grip", "-a * tanh(theta_dot / v)", "v = 0.05, 0.2")
-    bench.try_own(session, own)
+    effect = OwnEffect("grip", "-a * tanh(theta_dot / v)", "v = 0.05, 0.2")
+    bench.try_own(session, effect)
     assert waited(bench, session) == ""
     node = session.state.at
     assert session.state.added(node) == ("grip",)
@@ -206,7 +206,7 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
     assert abs(float(sizes["grip.a"].partition(" ")[0]) - 0.15) < 0.02
     with pytest.raises(InvalidInput, match="another name"):
         bench.try_own(session, OwnEffect("grip", "-a * theta_dot"))
-    lines = script(session.state, session.read(0, Answer.BEGUN), 2, [own.source()])
+    lines = script(session.state, session.read(0, Answer.BEGUN), 2, [effect.source()])
     compile(lines, "lines", "exec")
     assert "own_effects.py" in str(bench.part("take", session))
     if importlib.util.find_spec("policies") is not None:
@@ -269,7 +269,7 @@ def test_the_model_before_stays_on_the_page_until_the_new_one_is_known(walked: t
 
 
 def buttons(part: Any) -> list[Any]:
-    return [own for own in part._traverse() if type(own).__name__ == "Button"]
+    return [component for component in part._traverse() if type(component).__name__ == "Button"]
 
 
 @pytest.mark.long

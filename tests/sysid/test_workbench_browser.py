@@ -67,7 +67,7 @@ def site(tmp_path: Path) -> Iterator[str]:
 def page(browser: Any, site: str) -> Iterator[Any]:
     """A page that blocks and remembers every request that is not for this machine, and every error."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
-    own, foreign, errors = context.new_page(), list[str](), list[str]()
+    tab, foreign, errors = context.new_page(), list[str](), list[str]()
 
     def only_local(route: Any) -> None:
         if route.request.url.startswith((site, "data:", "blob:")):
@@ -77,8 +77,8 @@ def page(browser: Any, site: str) -> Iterator[Any]:
             route.abort()
 
     context.route("**/*", only_local)
-    own.on("pageerror", lambda error: errors.append(str(error)))
-    yield own
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    yield tab
     context.close()
     assert not foreign
     assert not errors

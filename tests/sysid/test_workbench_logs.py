@@ -36,8 +36,8 @@ def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workben
     rows = np.column_stack([t, 0.3 * np.sin(3.0 * t), 0.9 * np.cos(3.0 * t), 0.1 * np.ones_like(t)])
     np.savetxt(log, rows, delimiter=",", header="time_s,angle_rad,speed,effort", comments="")
     session = uploaded(bench, log)
-    found = log_part.preview(session)
-    assert found.error == ""
+    preview = log_part.preview(session)
+    assert preview.error == ""
     assert session.state.log.columns == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
 
 
@@ -55,16 +55,16 @@ def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, 
     record = samples.sample("friction")[0]
     write_csv(replace(record, theta=record.theta - np.pi), tmp_path / "turned.csv")
     session = uploaded(bench, tmp_path / "turned.csv")
-    found = log_part.preview(session)
-    assert not found.error
-    assert log_part.arm(found, 0.0)[1][1] > 0.5
-    assert any("hanging" in note for note in found.log.notes)
+    preview = log_part.preview(session)
+    assert not preview.error
+    assert log_part.arm(preview, 0.0)[1][1] > 0.5
+    assert any("hanging" in note for note in preview.log.notes)
     values = {c: c for c in ("t", "theta", "theta_dot")} | {"torque": "u", "zero": "hanging", "plant": "rod"}
     log_part.change(session, values)
-    found = log_part.preview(session)
-    assert not found.error
-    assert log_part.arm(found, 0.0)[1][1] < -0.5
-    assert not any("hanging" in note for note in found.log.notes)
+    preview = log_part.preview(session)
+    assert not preview.error
+    assert log_part.arm(preview, 0.0)[1][1] < -0.5
+    assert not any("hanging" in note for note in preview.log.notes)
 
 
 def test_a_preview_is_read_once(bench: Workbench, swing: Path) -> None:
@@ -144,10 +144,10 @@ def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench
     }
     path.write_text(json.dumps(older))
     assert session.state.settings_of(0).log == session.state.log
-    for own in (session, bench.sessions.new("of no file")):
-        for name in bench.stamps(own):
-            bench.part(name, own)
-        log_part.previewed(log_part.preview(own))
+    for opened in (session, bench.sessions.new("of no file")):
+        for name in bench.stamps(opened):
+            bench.part(name, opened)
+        log_part.previewed(log_part.preview(opened))
 
 
 @pytest.mark.parametrize(

@@ -65,23 +65,23 @@ def test_a_click_counts_though_other_buttons_are_drawn_at_that_moment(
     monkeypatch.setattr(bench, "do", lambda session, clicked, fields: asked.append(dict(clicked)))
     drawn, clicked = {"do": "train"}, {"do": "add", "effect": "coulomb"}
 
-    def told(*buttons: dict[str, str], clicks: dict[str, int]) -> None:
-        values = [{"id": own, "property": "n_clicks", "value": clicks.get(own["do"])} for own in buttons]
-        here = [[own for own in values if set(own["id"]) == set(kind)] for kind in (drawn, clicked)]
+    def press(*buttons: dict[str, str], clicks: dict[str, int]) -> None:
+        values = [{"id": button, "property": "n_clicks", "value": clicks.get(button["do"])} for button in buttons]
+        here = [[value for value in values if set(value["id"]) == set(kind)] for kind in (drawn, clicked)]
         body = {
             "output": "..act.data...url.search..",
             "outputs": [{"id": "act", "property": "data"}, {"id": "url", "property": "search"}],
             "inputs": [*here, [], [], []],
-            "changedPropIds": [f"{json.dumps(own, separators=(',', ':'))}.n_clicks" for own in buttons],
+            "changedPropIds": [f"{json.dumps(button, separators=(',', ':'))}.n_clicks" for button in buttons],
             "state": [[], {"id": "url", "property": "search", "value": ""}],
         }
         assert client.post("/_dash-update-component", headers=HERE, json=body).status_code in (200, 204)
 
-    told(drawn, clicked, clicks={})
+    press(drawn, clicked, clicks={})
     assert asked == []
-    told(drawn, clicked, clicks={"add": 1})
-    told(clicked, drawn, clicks={"add": 1})
-    told(clicked, clicks={"add": 2})
+    press(drawn, clicked, clicks={"add": 1})
+    press(clicked, drawn, clicks={"add": 1})
+    press(clicked, clicks={"add": 2})
     assert asked == [clicked] * 3
 
 
