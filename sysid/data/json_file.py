@@ -86,7 +86,7 @@ def count(saved: Any, name: str) -> int:
     return int(value)
 
 
-def told(answer: Any, *names: str) -> dict[str, Any]:
+def plain_fields(answer: Any, *names: str) -> dict[str, Any]:
     """What an answer says under these of its names, as plain data."""
     return {name: plain(getattr(answer, name)) for name in names}
 

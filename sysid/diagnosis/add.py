@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import UNITS, Sensor
@@ -57,7 +57,7 @@ class Added:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
         errors = {"error_before": self.before.to_dict(), "error_after": self.after.to_dict()}
-        return told(self, "effect", "estimate") | errors
+        return plain_fields(self, "effect", "estimate") | errors
 
     def __repr__(self) -> str:
         return f"{self.estimate}\n{self.sentence}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.json_file import plain, told
+from sysid.data.json_file import plain, plain_fields
 from sysid.data.record import Record, first_samples
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact
@@ -101,7 +101,7 @@ class Step:
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         names = ("effect", "parameters", "error_before", "error_after", "p_value")
-        return told(self, *names) | {"class": list(self.indistinguishable)}
+        return plain_fields(self, *names) | {"class": list(self.indistinguishable)}
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class MissingTorque:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return told(self, "drive", "before", "after", "explained")
+        return plain_fields(self, "drive", "before", "after", "explained")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -299,7 +299,7 @@ class Diagnosis:
             "schema": DIAGNOSIS_SCHEMA,
             "plant": type(self.model.plant).__name__,
             "parameters": fitted_numbers(self.estimate),
-            "noise": told(self.sensor, *CHANNELS),
+            "noise": plain_fields(self.sensor, *CHANNELS),
             "base_error": self.base_error.ratio,
             "error": self.error.ratio,
             "prediction": {"before": self.base_error, "after": self.error},
@@ -308,7 +308,7 @@ class Diagnosis:
             "friction_along_the_motion": self.friction,
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
         }
-        return dict(plain(others)) | told(self, *DIAGNOSIS_FIELDS)
+        return dict(plain(others)) | plain_fields(self, *DIAGNOSIS_FIELDS)
 
     @property
     def sentence(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_unit
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -53,7 +53,7 @@ class Cause:
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         begin = {"effect": self.effect, "alike": list(self.indistinguishable)}
-        return begin | told(self, "numbers", "share") | {"words": self.description}
+        return begin | plain_fields(self, "numbers", "share") | {"words": self.description}
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.json_file import plain, told
+from sysid.data.json_file import plain, plain_fields
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
@@ -122,11 +122,11 @@ class Comparison:
         """Plain data, ready for JSON."""
         others = {
             "records": [r.name for r in self.records],
-            "noise": told(self.sensor, *CHANNELS),
+            "noise": plain_fields(self.sensor, *CHANNELS),
             "errors": {name.replace(" ", "_"): e for name, e in self.errors.items()},
             "torque": None if self.torque is None else self.torque.to_dict(series=False),
         }
-        return dict(plain(others)) | told(self, "units", "sentence", "adequate", "causes", "whiteness")
+        return dict(plain(others)) | plain_fields(self, "units", "sentence", "adequate", "causes", "whiteness")
 
     def __repr__(self) -> str:
         shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units

@@ -22,8 +22,8 @@ NEGLIGIBLE_RISE = 1e-3
 def is_plausible(fit: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine can have these effects with their fitted numbers, and the readings can show them."""
     sd, reach = fit.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(fit.samples.smoothed[:, 0]))
-    readable = fit.linearised.told(fit.model)
-    return all(e.plausible and e.resolved(sd, reach, readable) for e in fit.model.effects if e.name in effects)
+    joint = fit.linearised.moving_joint(fit.model)
+    return all(e.plausible and e.resolved(sd, reach, joint) for e in fit.model.effects if e.name in effects)
 
 
 def is_determined(fit: Fit, before: Fit, others: Collection[str]) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
@@ -67,7 +67,7 @@ class Ranked:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return told(self, "effect", "score", "p_value", "error_after") | {"class": list(self.indistinguishable)}
+        return plain_fields(self, "effect", "score", "p_value", "error_after") | {"class": list(self.indistinguishable)}
 
 
 @dataclass(frozen=True, eq=False)

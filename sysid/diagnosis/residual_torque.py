@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.json_file import plain, told
+from sysid.data.json_file import plain, plain_fields
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, slow
@@ -186,7 +186,7 @@ class ResidualTorque:
             "over": self.binned,
         }
         names = ("present", "rms", "averaged", "share", "band", "s", "T", "depends_on", "map")
-        return dict(plain(others)) | told(self, *names, *(("records",) if series else ()))
+        return dict(plain(others)) | plain_fields(self, *names, *(("records",) if series else ()))
 
     @property
     def sentence(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, is_real
 from sysid.physics.model import Model
@@ -126,7 +126,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        return told(self, *ESTIMATE_FIELDS)
+        return plain_fields(self, *ESTIMATE_FIELDS)
 
     def __repr__(self) -> str:
         parameters = self.model.parameters

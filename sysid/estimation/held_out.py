@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor, check_sensor
 from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
@@ -77,7 +77,7 @@ class HeldOutError:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        return told(self, "window", "theta", "theta_dot", "ratios", "ratio", "n_readings", "n_windows", "worst")
+        return plain_fields(self, "window", "theta", "theta_dot", "ratios", "ratio", "n_readings", "n_windows", "worst")
 
     def __str__(self) -> str:
         values = {"theta": self.theta, "theta_dot": self.theta_dot}

@@ -308,7 +308,7 @@ class LinearisedModel:
         theta, theta_dot = self.middle.T[:, :, None]
         return np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
 
-    def told(self, model: Model) -> Joint:
+    def moving_joint(self, model: Model) -> Joint:
         """The joint of a model in the middle of those K intervals (K, S) in which it moves and a torque is commanded;
         K = 0 for a servo, which is commanded a position."""
         theta, theta_dot = self.middle.T

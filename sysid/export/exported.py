@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from sysid.data.files import read_file, save_file
-from sysid.data.json_file import told
+from sysid.data.json_file import plain_fields
 from sysid.diagnosis.findings import spaced_unit
 from sysid.errors import InvalidInput, printable
 from sysid.physics.effects.effect import Effect, OutputEffect
@@ -45,7 +45,7 @@ class Exported:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return told(self, "format", "text", "sentences")
+        return plain_fields(self, "format", "text", "sentences")
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

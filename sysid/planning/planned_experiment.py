@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.data.files import save_csv
-from sysid.data.json_file import plain, told
+from sysid.data.json_file import plain, plain_fields
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
@@ -124,7 +124,7 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
-        return told(self, *SHOWN) | {
+        return plain_fields(self, *SHOWN) | {
             "contests": plain(self.pairs),
             "schema": EXPERIMENT_SCHEMA,
             "rollouts": len(self.u),
