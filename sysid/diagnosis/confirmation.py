@@ -156,7 +156,7 @@ class Confirmation:
     def _nothing_of_a_machine(self) -> Addition | None:
         """The addition that is the least, if any is nothing; else the rarest of those that no machine has or that the
         readings do not determine; else a zero for which another makes up."""
-        fit = self.now.fit
+        fit = self.now.best
         nothing = [a for a in self.additions if is_nothing(fit, a.name, self.settings.sure_size)]
         if nothing:
             return min(nothing, key=lambda a: squared_size(fit, a.name))

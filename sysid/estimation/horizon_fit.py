@@ -1,0 +1,164 @@
+"""Horizon fit: the numbers with which a model predicts best over a horizon, where it lacks something."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.estimation.held_out import Refit, refit, refit_windows
+from sysid.estimation.output_error import Response
+from sysid.estimation.prediction import BLOCKS, judged_windows, left_out_errors
+from sysid.estimation.prediction_error import CHECKED, Fit, inverse
+from sysid.estimation.solver import QUICK, fit_parameters
+from sysid.estimation.windows import Window
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+
+EVALUATIONS = 12
+"""Most evaluations of the errors."""
+PROBE = 0.1
+"""Step of a finite difference, in standard deviations of the number."""
+NEGLIGIBLE_FALL = 1e-4
+"""Share of the sum of squares by which the last step lowers it."""
+EXPLAINED = 1.05
+"""RMS of the innovations, in units of the noise, up to which a model without a random torque explains its log."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HorizonFit(Fit):
+    """A fit whose numbers predict best over a horizon.
+
+        min_p  sum_k min_x |e_k(p, x)|^2,    e_k the errors of window k, x the state at its first instant
+
+    Likelihood weighs what happens from one reading to the next. If what a model lacks is no random torque, its numbers
+    bend until they imitate that, and predictions over a second suffer. These numbers weigh the predictions themselves.
+
+    windows        the K windows
+    errors (K, R)  their errors in units of the noise, with the states refitted
+    J (K, R, P)    how the errors change with the numbers, with the states refitted
+
+    Shook, Mohtadi, Shah, "Identification for long-range predictive control", IEE Proceedings D 138 (1991) 75; Farina,
+    Piroddi, "Identification of polynomial input/output recursive models with simulation error minimisation methods",
+    International Journal of Systems Science 43 (2012) 319.
+    """
+
+    windows: tuple[Window, ...]
+    errors: Array
+    J: Array
+
+    @cached_property
+    def likelihood_covariance(self) -> Array:
+        """The covariance (P, P) if the errors were white and as large as the noise."""
+        return inverse(np.einsum("krp,krq->pq", self.J, self.J))
+
+    @cached_property
+    def wider(self) -> Array:
+        """The factor (P,), at least 1, by which the sd of a jackknife over the windows exceeds that of the noise."""
+        K, expected = len(self.windows), np.diag(self.likelihood_covariance)
+        if not np.all(np.isfinite(expected)):
+            return np.ones(len(self.names))
+        moved = [self._moved_without([k], CHECKED) for k in range(K)]
+        return np.sqrt(np.maximum((1.0 - 1.0 / K) * np.sum(np.square(moved), axis=0) / expected, 1.0))
+
+    def without(self, windows: Sequence[Window]) -> Model:
+        """The model with the numbers that predict all but these windows best, to first order."""
+        left_out = [self.windows.index(w) for w in windows]
+        low, high = np.array([self.model.parameters[n].bounds for n in self.names]).T
+        values = np.clip(self.values + self._moved_without(left_out), low, high)
+        return self.model.with_numbers(self.names, values.tolist())
+
+    def _moved_without(self, left_out: list[int], share: float = 1.0) -> Array:
+        """How far the numbers (P,) move if a share of some windows is left out."""
+        J, e = self.J[left_out], self.errors[left_out]
+        N = np.einsum("krp,krq->pq", self.J, self.J) - share * np.einsum("krp,krq->pq", J, J)
+        size = np.sqrt(np.maximum(np.diag(N), 1e-300))
+        scaled = N / np.outer(size, size) + 1e-6 * np.eye(len(size))
+        return np.asarray(np.linalg.solve(scaled, np.einsum("krp,kr->p", J, e) / size) / size)
+
+
+def at_horizon(fit: Fit, seconds: float) -> Fit:
+    """The fit with the numbers that predict best over a horizon of some `seconds`, if the model lacks something and
+    left-out stretches are predicted better by more than chance; else the fit as it is."""
+    explains = fit.undisturbed and float(np.sqrt(np.mean(fit.e**2))) < EXPLAINED
+    if explains or not fit.names or isinstance(fit, HorizonFit):
+        return fit
+    predicting = horizon_fit(fit, seconds)
+    if predicting is None:
+        return fit
+    after, before = (left_out_errors(f, seconds, BLOCKS) for f in (predicting, fit))
+    better, sd = after.gain(before)
+    return predicting if math.isfinite(better) and better > sd else fit
+
+
+def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
+    """The numbers that predict best over windows of some `seconds`, begun at those of a fit; None if the model runs
+    away there."""
+    from scipy.optimize import least_squares
+
+    predictions = _Predictions(fit, judged_windows(fit, seconds, BLOCKS))
+    if not np.all(np.isfinite(predictions.errors(fit.values))):
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        solution = least_squares(
+            predictions.errors,
+            fit.values,
+            predictions.slopes,
+            np.array([fit.model.parameters[n].bounds for n in fit.names]).T,
+            x_scale="jac",
+            ftol=NEGLIGIBLE_FALL,
+            max_nfev=EVALUATIONS,
+        )
+    model = fit.model.with_numbers(fit.names, solution.x.tolist())
+    held = fit_parameters(fit.samples, model, (), fit, settings=replace(QUICK, sizes=False))
+    at = {f.name: getattr(held, f.name) for f in fields(Fit)}
+    K, P = len(predictions.windows), len(fit.names)
+    return HorizonFit(
+        **at
+        | {"names": fit.names, "prior": fit.prior, "converged": fit.converged and solution.status > 0}
+        | {"Z": held.filter.whiten(*held.linearised.changes(fit.names))},
+        windows=predictions.windows,
+        errors=solution.fun.reshape(K, -1),
+        J=solution.jac.reshape(K, -1, P),
+    )
+
+
+class _Predictions:
+    """The errors of a model's predictions over windows as functions of its numbers, with the states refitted."""
+
+    def __init__(self, fit: Fit, windows: tuple[Window, ...]) -> None:
+        self.fit, self.windows = fit, windows
+        samples = fit.samples
+        self.at = refit_windows(fit.model, samples.records, samples.sensor, windows)
+        self.values = fit.values
+        sd = np.sqrt(np.diag(fit.likelihood_covariance))
+        self.probes = np.where(np.isfinite(sd) & (sd > 0.0), PROBE * sd, 1e-3 * np.maximum(np.abs(fit.values), 1e-3))
+
+    def errors(self, values: Array) -> Array:
+        """The errors (K R,)."""
+        return self._refitted(values).lin.e.ravel()
+
+    def slopes(self, values: Array) -> Array:
+        """The derivatives (K R, P) of the errors. To first order the refitted states take from the change of the errors
+        what lies in their span."""
+        at, columns = self._refitted(values), []
+        for i, probe in enumerate(self.probes):
+            inside = values[i] + probe <= self.fit.model.parameters[self.fit.names[i]].bounds[1]
+            moved = values.copy()
+            moved[i] += probe if inside else -probe
+            change = (self._response(moved).linearise(at.starts).e - at.lin.e) / (moved[i] - values[i])
+            along = np.einsum("krs,kr->ks", at.basis, change)
+            columns.append((change - np.einsum("krs,ks->kr", at.basis, along)).ravel())
+        return np.stack(columns, axis=-1)
+
+    def _refitted(self, values: Array) -> Refit:
+        if not np.array_equal(values, self.values):
+            self.at, self.values = refit(self._response(values), self.at.starts), values.copy()
+        return self.at
+
+    def _response(self, values: Array) -> Response:
+        model, samples = self.fit.model.with_numbers(self.fit.names, values.tolist()), self.fit.samples
+        return Response(model, samples.records, samples.sensor, self.windows)
