@@ -82,7 +82,7 @@ class HorizonFit(Fit):
 
 def at_horizon(fit: Fit, seconds: float) -> Fit:
     """The fit with the numbers that predict best over a horizon of some `seconds`, if the model lacks something and
-    left-out stretches are predicted better by more than chance; else the fit as it is."""
+    left-out stretches are predicted better with them; else the fit as it is."""
     explains = fit.undisturbed and float(np.sqrt(np.mean(fit.e**2))) < EXPLAINED
     if explains or not fit.names or isinstance(fit, HorizonFit):
         return fit
@@ -90,8 +90,8 @@ def at_horizon(fit: Fit, seconds: float) -> Fit:
     if predicting is None:
         return fit
     after, before = (left_out_errors(f, seconds, BLOCKS) for f in (predicting, fit))
-    better, sd = after.gain(before)
-    return predicting if math.isfinite(better) and better > sd else fit
+    better, _ = after.gain(before)
+    return predicting if math.isfinite(better) and better > 0.0 else fit
 
 
 def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:

@@ -248,3 +248,12 @@ def test_a_speed_alone_tells_how_late_it_is(effect):
     late = {"filtered_speed", "sensor_delay", "delay", "lag"}
     assert diagnosis.steps and {s.effect for s in diagnosis.steps} <= late
     assert sum(p["value"] for s in diagnosis.steps for p in s.parameters.values()) == pytest.approx(0.03, abs=0.004)
+
+
+def test_a_motion_that_runs_away_is_no_error_of_the_sensor() -> None:
+    """A candidate's may, in one window of several: the others are read as ever."""
+    theta_dot = np.array([[1.0, 2.0, np.inf, np.inf], [1.0, 2.0, 3.0, 4.0]])
+    model = Model(ROD, (FilteredSpeed(T=0.05),), dt=0.02)
+    both, alone = (model.read_record(0.0 * x, x, 0.0 * x)[1] for x in (theta_dot, theta_dot[1:]))
+    assert not np.all(np.isfinite(both[0]))
+    np.testing.assert_array_equal(both[1], alone[0])
