@@ -20,6 +20,7 @@ from sysid.diagnosis.friction_sets import FrictionSets, is_as_good, least_size
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.energy_balance import FRICTIONS
+from sysid.estimation.horizon_fit import at_horizon
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, settled
@@ -56,6 +57,7 @@ class Confirmation:
         self._compare_frictions()
         self._reconsider()
         self._weigh_friction()
+        self._take_numbers_that_predict_best()
 
     @property
     def search(self) -> Search:
@@ -156,7 +158,7 @@ class Confirmation:
     def _nothing_of_a_machine(self) -> Addition | None:
         """The addition that is the least, if any is nothing; else the rarest of those that no machine has or that the
         readings do not determine; else a zero for which another makes up."""
-        fit = self.now.best
+        fit = self.now.fit
         nothing = [a for a in self.additions if is_nothing(fit, a.name, self.settings.sure_size)]
         if nothing:
             return min(nothing, key=lambda a: squared_size(fit, a.name))
@@ -358,3 +360,15 @@ class Confirmation:
             return
         if self.now.remaining is not None:
             self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []
+
+    def _take_numbers_that_predict_best(self) -> None:
+        """Tell the numbers that predict best over the horizon (`at_horizon`), if they lower the held-out error, too.
+
+        They stay the likeliest ones if the inertia would be another by `farthest_inertia`: to predict best, it would
+        imitate what is missing.
+        """
+        now = self.now
+        best = Explanation(self.evidence, now.additions, at_horizon(now.fit, self.settings.ahead))
+        changed = abs(math.log(best.fit.inertia / now.fit.inertia))
+        if changed < math.log(self.settings.farthest_inertia) and best.error.ratio < now.error.ratio:
+            self.now = self.weighed[now.names] = best

@@ -259,7 +259,7 @@ class _Report:
         named = (*now.names, *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
-            base=self.evidence.bare.best.estimate(),
+            base=self.base.estimate(),
             base_error=self.evidence.bare.error,
             error=now.error,
             steps=machine,
@@ -274,7 +274,7 @@ class _Report:
             notes=self.notes,
             friction=self.confirmed.friction,
             alternatives=tuple(self._alternatives(end)),
-            estimate=now.best.estimate(),
+            estimate=end.estimate(),
             contacts=self.evidence.contacts,
             next_experiment=self._experiment(machine, end),
             seconds=time.perf_counter() - began,
@@ -304,7 +304,7 @@ class _Report:
         names = self.confirmed.now.names
         common = tuple(n for n in FRICTIONS if n in names)
         for other in self.confirmed.as_likely:
-            yield _alternative(other.best, tuple(n for n in FRICTIONS if n in other.names), common)
+            yield _alternative(other.fit, tuple(n for n in FRICTIONS if n in other.names), common)
         for trial in self.search.trials:
             name = trial.single
             if name and len(names) > 1 and set(names) in map(set, CATALOGUE[name].refines):
@@ -314,7 +314,7 @@ class _Report:
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """The additions as steps, in their order; effects that pay only together share one fall of the error."""
-        estimate, additions = self.confirmed.now.best.estimate(), self.confirmed.additions
+        estimate, additions = end.estimate(), self.confirmed.additions
         errors = [self.confirmed.explanation(additions[:k]).error.ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0
         for k, addition in enumerate(additions):
@@ -329,7 +329,7 @@ class _Report:
                     error_before=errors[first],
                     error_after=errors[last],
                     p_value=addition.p_value,
-                    estimate=self.confirmed.explanation(additions[: k + 1]).best.estimate(),
+                    estimate=self.confirmed.explanation(additions[: k + 1]).fit.estimate(),
                 )
             )
             first = last if last == k + 1 else first

@@ -20,7 +20,6 @@ from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.held_out import HeldOutError, held_out_error
-from sysid.estimation.horizon_fit import at_horizon
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
@@ -89,7 +88,7 @@ class Explanation:
 
     evidence   what it is judged by
     additions  those of the search, in the order in which they came
-    fit        of the model as it came with these, the likeliest
+    fit        of the model as it came with these
     """
 
     evidence: Evidence
@@ -102,22 +101,14 @@ class Explanation:
         return tuple(sorted(a.name for a in self.additions))
 
     @cached_property
-    def best(self) -> Fit:
-        """The fit whose numbers are told: those that predict best over the horizon (`at_horizon`), unless the held-out
-        error is larger with them."""
-        best = at_horizon(self.fit, self.evidence.settings.ahead)
-        error, likeliest = (self.evidence.error(fit).ratio for fit in (best, self.fit))
-        return best if error < likeliest else self.fit
-
-    @cached_property
     def error(self) -> HeldOutError:
         """The error on the records that no fit has seen."""
-        return self.evidence.error(self.best)
+        return self.evidence.error(self.fit)
 
     @cached_property
     def fitted_error(self) -> float:
         """The error of predictions of the fitted samples, in units of the noise."""
-        return fitted_error(self.best, self.evidence.settings.ahead, self.evidence.sensor)
+        return fitted_error(self.fit, self.evidence.settings.ahead, self.evidence.sensor)
 
     @cached_property
     def missing(self) -> Array:

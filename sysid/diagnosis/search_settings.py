@@ -102,6 +102,8 @@ class SearchSettings:
         A model leaves far more torque missing than friction along the motion does if it is by this factor.
     inertia_factor : float
         A model has quite another inertia than the torque along the motion shows if they differ by this factor.
+    farthest_inertia : float
+        Factor from the likeliest inertia beyond which numbers that predict best are not told.
 
     Raises
     ------
@@ -160,6 +162,7 @@ class SearchSettings:
     swollen_factor: float = 3.0
     farther_factor: float = 1.5
     inertia_factor: float = 1.5
+    farthest_inertia: float = 2.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance < 1.0:
