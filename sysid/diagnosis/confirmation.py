@@ -20,7 +20,7 @@ from sysid.diagnosis.friction_sets import FrictionSets, is_as_good, least_size
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.energy_balance import FRICTIONS
-from sysid.estimation.horizon_fit import at_horizon
+from sysid.estimation.horizon_fit import horizon_fit
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, settled
@@ -362,13 +362,14 @@ class Confirmation:
             self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []
 
     def _take_numbers_that_predict_best(self) -> None:
-        """Tell the numbers that predict best over the horizon (`at_horizon`), if they lower the held-out error, too.
+        """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters.
 
         They stay the likeliest ones if the inertia would be another by `farthest_inertia`: to predict best, it would
         imitate what is missing.
         """
-        now = self.now
-        best = Explanation(self.evidence, now.additions, at_horizon(now.fit, self.settings.ahead))
-        changed = abs(math.log(best.fit.inertia / now.fit.inertia))
-        if changed < math.log(self.settings.farthest_inertia) and best.error.ratio < now.error.ratio:
+        now, fit = self.now, horizon_fit(self.now.fit, self.settings.ahead)
+        if fit is None or abs(math.log(fit.inertia / now.fit.inertia)) > math.log(self.settings.farthest_inertia):
+            return
+        best = Explanation(self.evidence, now.additions, fit)
+        if is_lowered(best.error.ratio, now.error.ratio, self.settings.tolerance):
             self.now = self.weighed[now.names] = best

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -11,11 +9,10 @@ import numpy as np
 
 from sysid.estimation.held_out import Refit, refit, refit_windows
 from sysid.estimation.output_error import Response
-from sysid.estimation.prediction import BLOCKS, judged_windows, left_out_errors
+from sysid.estimation.prediction import windows_of
 from sysid.estimation.prediction_error import CHECKED, Fit, inverse
 from sysid.estimation.solver import QUICK, fit_parameters
 from sysid.estimation.windows import Window
-from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 EVALUATIONS = 12
@@ -58,48 +55,25 @@ class HorizonFit(Fit):
     @cached_property
     def wider(self) -> Array:
         """The factor (P,), at least 1, by which the sd of a jackknife over the windows exceeds that of the noise."""
-        K, expected = len(self.windows), np.diag(self.likelihood_covariance)
+        expected = np.diag(self.likelihood_covariance)
         if not np.all(np.isfinite(expected)):
             return np.ones(len(self.names))
-        moved = [self._moved_without([k], CHECKED) for k in range(K)]
+        size = np.linalg.norm(self.J, axis=(0, 1))
+        J, K = self.J / size, len(self.windows)
+        N = np.einsum("krp,krq->pq", J, J)
+        moved = [np.linalg.solve(N - CHECKED * J[k].T @ J[k], J[k].T @ self.errors[k]) / size for k in range(K)]
         return np.sqrt(np.maximum((1.0 - 1.0 / K) * np.sum(np.square(moved), axis=0) / expected, 1.0))
-
-    def without(self, windows: Sequence[Window]) -> Model:
-        """The model with the numbers that predict all but these windows best, to first order."""
-        left_out = [self.windows.index(w) for w in windows]
-        low, high = np.array([self.model.parameters[n].bounds for n in self.names]).T
-        values = np.clip(self.values + self._moved_without(left_out), low, high)
-        return self.model.with_numbers(self.names, values.tolist())
-
-    def _moved_without(self, left_out: list[int], share: float = 1.0) -> Array:
-        """How far the numbers (P,) move if a share of some windows is left out."""
-        J, e = self.J[left_out], self.errors[left_out]
-        N = np.einsum("krp,krq->pq", self.J, self.J) - share * np.einsum("krp,krq->pq", J, J)
-        size = np.sqrt(np.maximum(np.diag(N), 1e-300))
-        scaled = N / np.outer(size, size) + 1e-6 * np.eye(len(size))
-        return np.asarray(np.linalg.solve(scaled, np.einsum("krp,kr->p", J, e) / size) / size)
-
-
-def at_horizon(fit: Fit, seconds: float) -> Fit:
-    """The fit with the numbers that predict best over a horizon of some `seconds`, if the model lacks something and
-    left-out stretches are predicted better with them; else the fit as it is."""
-    explains = fit.undisturbed and float(np.sqrt(np.mean(fit.e**2))) < EXPLAINED
-    if explains or not fit.names or isinstance(fit, HorizonFit):
-        return fit
-    predicting = horizon_fit(fit, seconds)
-    if predicting is None:
-        return fit
-    after, before = (left_out_errors(f, seconds, BLOCKS) for f in (predicting, fit))
-    better, _ = after.gain(before)
-    return predicting if math.isfinite(better) and better > 0.0 else fit
 
 
 def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
-    """The numbers that predict best over windows of some `seconds`, begun at those of a fit; None if the model runs
-    away there."""
+    """The numbers that predict best over windows of some `seconds`, begun at those of a fit. There are none if nothing
+    is free, if the model explains the log, so that likelihood decides, or if it runs away."""
     from scipy.optimize import least_squares
 
-    predictions = _Predictions(fit, judged_windows(fit, seconds, BLOCKS))
+    explains = fit.undisturbed and float(np.sqrt(np.mean(fit.e**2))) < EXPLAINED
+    if explains or not fit.names:
+        return None
+    predictions = _Predictions(fit, windows_of(fit, seconds))
     if not np.all(np.isfinite(predictions.errors(fit.values))):
         return None
     with np.errstate(over="ignore", invalid="ignore"):

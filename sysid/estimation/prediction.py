@@ -104,19 +104,16 @@ def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...
     return cut(fit.samples.records, seconds, max(lead, lead_of(fit.model)))
 
 
-def judged_windows(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> tuple[Window, ...]:
-    """The windows of which some are left out in turn. Those of a short log are shorter than `seconds`, since a few
-    would prove nothing."""
-    total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
-    return windows_of(fit, float(np.clip(total / blocks, SHORTEST_PREDICTION, seconds)), lead)
-
-
 def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
     """Cross-validated errors: each block of windows is predicted with parameters from the other blocks alone.
 
-    Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
+    p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
+
+    This is one Gauss-Newton step away from block b. The windows of a short log are shorter than `seconds`, since a few
+    would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
-    windows = judged_windows(fit, seconds, blocks, lead)
+    total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
+    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST_PREDICTION, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     records, sensor = fit.samples.records, fit.samples.sensor
     # where memories have to fill first, every block needs the states of the whole log: they are found once
@@ -124,7 +121,7 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     errors = []
     for group in groups:
         block = [windows[i] for i in group]
-        errors.append(_squares(refit_windows(fit.without(block), records, sensor, block, near)))
+        errors.append(_squares(refit_windows(_without(fit, block), records, sensor, block, near)))
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 
 
@@ -179,3 +176,28 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
     with np.errstate(over="ignore"):
         squares = np.sum(np.minimum(refitted.lin.e**2, 1e12), axis=1)
     return squares, np.sum(refitted.scored - refitted.leverage, axis=1).reshape(K)
+
+
+def _without(fit: Fit, windows: list[Window]) -> Model:
+    """The model with the parameters that fit all but these windows (see `left_out_errors`)."""
+    samples, p = fit.samples, fit.values
+    if not len(p):
+        return fit.model
+    left_out = np.zeros(len(samples), dtype=bool)
+    for w in windows:
+        begin = int(samples.first[w.record]) + w.begin
+        left_out[begin + w.shared : begin + w.count + 1] = True
+    rows = np.repeat(left_out, 2)
+    low, high = np.array([fit.model.parameters[n].bounds for n in fit.names]).T
+    free = (p > low) & (p < high)
+    Z, e = fit.Z[:, free], fit.e
+    size = np.linalg.norm(Z, axis=0)
+    free[free] = size > 0.0
+    Z = Z[:, size > 0.0] / size[size > 0.0]
+    B, balance = fit.balance_rows
+    B = B[:, free] / size[size > 0.0]
+    rest = np.concatenate([Z[~rows], B])
+    step = np.zeros(len(p))
+    N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
+    step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
+    return fit.model.with_numbers(fit.names, np.clip(p + step, low, high).tolist())

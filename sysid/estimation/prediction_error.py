@@ -18,7 +18,6 @@ from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.prior import Prior
-from sysid.estimation.windows import Window
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -169,35 +168,6 @@ class Fit:
         stretch = np.floor(self.samples.t / STRETCH) + 1e7 * self.samples.number
         begins = [*np.flatnonzero(np.diff(stretch, prepend=-1.0)).tolist(), len(self.samples)]
         return [slice(2 * a, 2 * b) for a, b in pairwise(begins)]
-
-    def without(self, windows: Sequence[Window]) -> Model:
-        """The model with the numbers that fit all but these windows b.
-
-            p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of b
-
-        This is one Gauss-Newton step away from them.
-        """
-        samples, p = self.samples, self.values
-        if not len(p):
-            return self.model
-        left_out = np.zeros(len(samples), dtype=bool)
-        for w in windows:
-            begin = int(samples.first[w.record]) + w.begin
-            left_out[begin + w.shared : begin + w.count + 1] = True
-        rows = np.repeat(left_out, 2)
-        low, high = np.array([self.model.parameters[n].bounds for n in self.names]).T
-        free = (p > low) & (p < high)
-        Z, e = self.Z[:, free], self.e
-        size = np.linalg.norm(Z, axis=0)
-        free[free] = size > 0.0
-        Z = Z[:, size > 0.0] / size[size > 0.0]
-        B, balance = self.balance_rows
-        B = B[:, free] / size[size > 0.0]
-        rest = np.concatenate([Z[~rows], B])
-        step = np.zeros(len(p))
-        N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
-        step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
-        return self.model.with_numbers(self.names, np.clip(p + step, low, high).tolist())
 
     @cached_property
     def undisturbed(self) -> bool:

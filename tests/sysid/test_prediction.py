@@ -18,6 +18,7 @@ from sysid.estimation.prediction import (
     HORIZON,
     SHORTEST_PREDICTION,
     PredictionErrors,
+    _without,
     foreseeable,
     left_out_errors,
     telling_horizon,
@@ -164,7 +165,7 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     whole = fit_parameters(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
     rest = fit_parameters(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
     other = [w for w in windows_of(whole, 1.0) if w.record == 1]
-    without = whole.without(other).parameters
+    without = _without(whole, other).parameters
     sd = np.sqrt(np.diag(rest.covariance))
     values = np.array([float(without[n].value) for n in NAMES])
     assert np.max(np.abs(whole.values - rest.values) / sd) > 0.3, "the records agree too well to tell"
