@@ -17,6 +17,8 @@ from sysid.physics.ops import Value
 
 _KEY = "parameter"
 
+USUAL_SPEED = 8.0
+"""Largest speed [reach/s] of a usual motion of a joint; motors are faster."""
 NEVER = 1e5
 """A neutral value of this size or more means a limit that nothing reaches."""
 
@@ -48,7 +50,7 @@ class Extent(NamedTuple):
     u_max: float
     reach: float = 1.0
     inertia: float = 1.0
-    speed: float = 8.0
+    speed: float = USUAL_SPEED
 
 
 LogProbe = Callable[[Extent], Sequence[float]]
@@ -134,6 +136,9 @@ class Parameter:
     def large(self, extent: Extent) -> float:
         """A large number on a log of that extent: 1 in its unit, but with the log's own torque, inertia and reach.
 
+        Where the log is faster than USUAL_SPEED, a slope over the speed is smaller: at the largest speed its torque is
+        that of a 1 at USUAL_SPEED.
+
         Parameters
         ----------
         extent : Extent
@@ -145,7 +150,8 @@ class Parameter:
             The number, in `unit`.
         """
         size = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
-        return (size or 1.0) * extent.reach**self.angles
+        faster = max(extent.speed / USUAL_SPEED, 1.0)
+        return (size or 1.0) * extent.reach**self.angles / faster ** _power_of_speed(self.unit)
 
     @property
     def never(self) -> bool:
@@ -288,6 +294,13 @@ class Parametric:
 def _power_of_angle(unit: str) -> int:
     above, _, below = unit.replace("rad^2", "rad rad").partition("/")
     return above.count("rad") - below.count("rad")
+
+
+@cache
+def _power_of_speed(unit: str) -> int:
+    """n of a slope over the n-th power of the speed, in N m s^n/rad^n; 0 of other units."""
+    above, _, below = unit.partition("/")
+    return above.replace("s^2", "s s").split().count("s") if below else 0
 
 
 # ---- probes that depend on the log -----------------------------------------------------------------------------------
