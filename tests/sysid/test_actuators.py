@@ -15,6 +15,7 @@ from sysid import (
     Coulomb,
     DCMotor,
     Delay,
+    Drag,
     Effect,
     GeneralJoint,
     InvalidInput,
@@ -40,7 +41,8 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.initial_guess import initial_guesses
 from sysid.estimation.linearisation import LinearisedModel, Samples, smoothed_motion
 from sysid.estimation.scores import scores
-from sysid.planning.excitation import multisine
+from sysid.physics.parameters import Extent
+from sysid.planning.excitation import multisine, steps
 
 SENSOR = Sensor(0.001, 0.02)
 ACTUATORS = (TorqueConstant(k_t=0.6), DCMotor(k=0.4, k_e=0.5), PositionServo(k_p=8.0, k_d=0.4, limit=2.5))
@@ -268,3 +270,35 @@ def test_a_servo_whose_speed_is_limited_is_no_gear_that_takes_all_of_the_load(se
         and "torque_speed_limit.no_load_speed" not in diagnosis.model.parameters
     )
     assert not LoadFriction(mu=0.9999).plausible and LoadFriction(mu=0.3).plausible
+
+
+def fast_motor(*effects: Effect) -> Record:
+    """A small motor with a propeller, up to 3,000 rad/s under steps of its voltage, of which the speed is read."""
+    rng = np.random.default_rng(0)
+    model = Model(GeneralJoint(J=1e-5, G=0.0), (DCMotor(k_e=1.4e-4), *effects), RK4(substeps=2), 0.01)
+    u = np.abs(steps(rng, 2000, 0.01, 1.0, 0.4))
+    return Sensor(theta_dot=1.0).measure(simulate(model, u, 0.0, 0.0), rng)[0]
+
+
+@pytest.mark.parametrize(
+    "hidden", [(Drag(c=1.3e-8),), (Drag(c=1.3e-8), Coulomb(tau_c=0.03))], ids=["drag", "drag and coulomb"]
+)
+def test_frictions_of_a_fast_motor_are_found(hidden: tuple[Effect, ...]) -> None:
+    """They are a millionth of what they would be at a joint's speed, where a fit may not begin."""
+    model = Model(GeneralJoint(J=3e-5, G=0.0), (DCMotor(k_e=2e-4),), RK4(substeps=2), 0.01)
+    diagnosis = diagnose(model, [fast_motor(*hidden)], parameters=["J", "dc_motor.k_e"])
+    assert {s.effect for s in diagnosis.steps} == {e.name for e in hidden}
+    numbers, sd = diagnosis.estimate.values, diagnosis.estimate.sd
+    for effect in hidden:
+        for field, number in effect.parameters.items():
+            name = f"{effect.name}.{field}"
+            assert abs(numbers[name] - float(number.value)) < 3.0 * sd[name]
+
+
+@pytest.mark.parametrize("kind", [Viscous, Drag])
+def test_a_friction_begins_with_a_torque_that_the_log_allows(kind: type[Effect]) -> None:
+    for speed in (3.0, 8.0, 300.0, 1e4):
+        begun = kind().at_beginning(Extent(dt=0.01, duration=10.0, u_max=2.0, speed=speed))
+        (number,) = begun.parameters.values()
+        power = 2 if kind is Drag else 1
+        assert 0.0 < float(number.value) * speed**power < 0.5 * 2.0
