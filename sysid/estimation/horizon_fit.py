@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -19,6 +20,8 @@ EVALUATIONS = 12
 """Most evaluations of the errors."""
 PROBE = 0.1
 """Step of a finite difference, in standard deviations of the number."""
+LARGEST_PROBE = 0.01
+"""Largest such step, as a share of the number's `scale`."""
 NEGLIGIBLE_FALL = 1e-4
 """Share of the sum of squares by which the last step lowers it."""
 EXPLAINED = 1.05
@@ -81,7 +84,7 @@ def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
             predictions.errors,
             fit.values,
             predictions.slopes,
-            np.array([fit.model.parameters[n].bounds for n in fit.names]).T,
+            (predictions.low, predictions.high),
             x_scale="jac",
             ftol=NEGLIGIBLE_FALL,
             max_nfev=EVALUATIONS,
@@ -107,9 +110,12 @@ class _Predictions:
         self.fit, self.windows = fit, windows
         samples = fit.samples
         self.at = refit_windows(fit.model, samples.records, samples.sensor, windows)
-        self.values = fit.values
-        sd = np.sqrt(np.diag(fit.likelihood_covariance))
-        self.probes = np.where(np.isfinite(sd) & (sd > 0.0), PROBE * sd, 1e-3 * np.maximum(np.abs(fit.values), 1e-3))
+        self.values, self.starts, self.least = fit.values, self.at.starts, math.inf
+        parameters = [fit.model.parameters[n] for n in fit.names]
+        self.low, self.high = np.array([p.bounds for p in parameters]).T
+        sd = np.nan_to_num(np.sqrt(np.diag(fit.likelihood_covariance)), nan=np.inf)
+        largest = LARGEST_PROBE * np.array([p.scale for p in parameters])
+        self.probes = np.where(sd > 0.0, np.minimum(PROBE * sd, largest), largest)
 
     def errors(self, values: Array) -> Array:
         """The errors (K R,)."""
@@ -120,17 +126,20 @@ class _Predictions:
         what lies in their span."""
         at, columns = self._refitted(values), []
         for i, probe in enumerate(self.probes):
-            inside = values[i] + probe <= self.fit.model.parameters[self.fit.names[i]].bounds[1]
             moved = values.copy()
-            moved[i] += probe if inside else -probe
-            change = (self._response(moved).linearise(at.starts).e - at.lin.e) / (moved[i] - values[i])
+            moved[i] += probe if values[i] + probe <= self.high[i] else -probe
+            change = np.nan_to_num(self._response(moved).linearise(at.starts).e - at.lin.e) / (moved[i] - values[i])
             along = np.einsum("krs,kr->ks", at.basis, change)
             columns.append((change - np.einsum("krs,ks->kr", at.basis, along)).ravel())
         return np.stack(columns, axis=-1)
 
     def _refitted(self, values: Array) -> Refit:
+        """The windows with their states refitted, begun at the best states until now."""
         if not np.array_equal(values, self.values):
-            self.at, self.values = refit(self._response(values), self.at.starts), values.copy()
+            self.at, self.values = refit(self._response(values), self.starts), values.copy()
+            squares = float(np.sum(self.at.lin.e**2))
+            if squares < self.least:
+                self.starts, self.least = self.at.starts, squares
         return self.at
 
     def _response(self, values: Array) -> Response:
