@@ -248,7 +248,7 @@ class _Report:
 
     def diagnosis(self, began: float) -> Diagnosis:
         """The answer; `began` is the clock when the question was asked."""
-        now = self.confirmed.now
+        now, bare = self.confirmed.now, self.confirmed.explanation(())
         end, steps = now.fit, self._steps(now.fit)
         machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
         verdict = "adequate" if not machine else "missing"
@@ -259,8 +259,8 @@ class _Report:
         named = (*now.names, *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
-            base=self.base.estimate(),
-            base_error=self.evidence.bare.error,
+            base=bare.fit.estimate(),
+            base_error=bare.error,
             error=now.error,
             steps=machine,
             conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
