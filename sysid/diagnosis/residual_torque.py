@@ -22,7 +22,7 @@ from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import SIGMA_99, likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import QUICK, Settings, fit_parameters
+from sysid.estimation.solver import HELD, Settings, fit_parameters
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -308,8 +308,7 @@ def needed_disturbances(base: Fit, beside: Disturbances = NO_DISTURBANCE) -> Dis
 def missing_torque(fit: Fit, disturbances: Disturbances) -> Array:
     """The torque (M,) [N m] that the log needs beside a fitted model, made `slow` unless all records are too short.
     Models are compared under the same `disturbances`, those that the model as it came needs."""
-    held = replace(QUICK, sizes=False)
-    smoothed = fit_parameters(fit.samples, fit.model, (), fit, disturbances, held)
+    smoothed = fit_parameters(fit.samples, fit.model, (), fit, disturbances, HELD)
     torque = fit.inertia * smoothed.motion.d
     averaged = slow(torque, fit.samples.number, fit.samples.dt)
     return averaged if np.any(np.isfinite(averaged)) else torque

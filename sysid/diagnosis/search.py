@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -32,7 +32,7 @@ from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import balanced, continued, extended, reduced, settled, with_energy_balance, without_free
 from sysid.estimation.scores import Score, collinearity, price, scores
-from sysid.estimation.solver import QUICK, THOROUGH, Settings, fit_parameters
+from sysid.estimation.solver import HELD, QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 
@@ -248,7 +248,7 @@ class Search:
         """Trials of the effects that best explain the errors of a simulation, beside next to no disturbances. Beside a
         large random torque the motion follows its readings wherever they go, and hides a sensor that reads wrong."""
         quiet = now.disturbances.scaled(self.settings.simulated_share)
-        simulated = continued(now, quiet, replace(QUICK, sizes=False))
+        simulated = continued(now, quiet, HELD)
         tested = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(tested.values(), key=lambda s: s.lm - self._price([s.name]), reverse=True)
         tried: list[Trial] = []

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from sysid.estimation.held_out import Refit, refit, refit_windows
 from sysid.estimation.output_error import Response
 from sysid.estimation.prediction import windows_of
-from sysid.estimation.prediction_error import CHECKED, Fit, inverse
-from sysid.estimation.solver import QUICK, fit_parameters
+from sysid.estimation.prediction_error import CHECKED, Fit, inverse, jackknife
+from sysid.estimation.solver import HELD, fit_parameters
 from sysid.estimation.windows import Window
 from sysid.physics.ops import Array
 
@@ -61,10 +60,9 @@ class HorizonFit(Fit):
         expected = np.diag(self.likelihood_covariance)
         if not np.all(np.isfinite(expected)):
             return np.ones(len(self.names))
-        size = np.linalg.norm(self.J, axis=(0, 1))
-        J, K = self.J / size, len(self.windows)
-        N = np.einsum("krp,krq->pq", J, J)
-        moved = [np.linalg.solve(N - CHECKED * J[k].T @ J[k], J[k].T @ self.errors[k]) / size for k in range(K)]
+        K, R, P = self.J.shape
+        windows = [slice(k * R, (k + 1) * R) for k in range(K)]
+        moved = jackknife(self.J.reshape(-1, P), self.errors.ravel(), windows, CHECKED, np.zeros((0, P)))
         return np.sqrt(np.maximum((1.0 - 1.0 / K) * np.sum(np.square(moved), axis=0) / expected, 1.0))
 
 
@@ -90,7 +88,7 @@ def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
             max_nfev=EVALUATIONS,
         )
     model = fit.model.with_numbers(fit.names, solution.x.tolist())
-    held = fit_parameters(fit.samples, model, (), fit, settings=replace(QUICK, sizes=False))
+    held = fit_parameters(fit.samples, model, (), fit, settings=HELD)
     at = {f.name: getattr(held, f.name) for f in fields(Fit)}
     K, P = len(predictions.windows), len(fit.names)
     return HorizonFit(
@@ -110,7 +108,7 @@ class _Predictions:
         self.fit, self.windows = fit, windows
         samples = fit.samples
         self.at = refit_windows(fit.model, samples.records, samples.sensor, windows)
-        self.values, self.starts, self.least = fit.values, self.at.starts, math.inf
+        self.values, self.starts, self.least = fit.values, self.at.starts, float(np.sum(self.at.lin.e**2))
         parameters = [fit.model.parameters[n] for n in fit.names]
         self.low, self.high = np.array([p.bounds for p in parameters]).T
         sd = np.nan_to_num(np.sqrt(np.diag(fit.likelihood_covariance)), nan=np.inf)

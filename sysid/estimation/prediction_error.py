@@ -154,12 +154,8 @@ class Fit:
         if self.undisturbed or not np.all(np.isfinite(self.likelihood_covariance)):
             return np.ones(len(self.names))
         B, _ = self.balance_rows
-        size = np.linalg.norm(np.concatenate([self.Z, B]), axis=0)
-        Z, B, e = self.Z / size, B / size, self.e
-        N = Z.T @ Z + B.T @ B
-        moved = [np.linalg.solve(N - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in self._stretches]
-        of_balance = np.linalg.norm(np.linalg.solve(N, B.T), axis=1) / size
-        sd = np.sqrt(np.sum(np.square(moved), axis=0)) + of_balance
+        moved = jackknife(self.Z, self.e, self._stretches, left_out, B)
+        sd = np.sqrt(np.sum(np.square(moved), axis=0)) + np.linalg.norm(self.likelihood_covariance @ B.T, axis=1)
         return sd**2 / np.diag(self.likelihood_covariance)
 
     @cached_property
@@ -265,6 +261,17 @@ def with_smooth_error(fitted: Fit) -> Disturbances:
         replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(changes, SMOOTH, strict=True)
     ]
     return maximum_likelihood(fitted.linearised.system, begins)
+
+
+def jackknife(Z: Array, e: Array, stretches: Sequence[slice], left_out: float, B: Array) -> Array:
+    """How far the numbers move (K, P) if a share of each stretch b of the rows of Z and e is left out; the rows B stay.
+
+    (N - left_out Z_b' Z_b)^-1 Z_b' e_b,    N = Z'Z + B'B
+    """
+    size = np.linalg.norm(np.concatenate([Z, B]), axis=0)
+    Z, B = Z / size, B / size
+    N = Z.T @ Z + B.T @ B
+    return np.array([np.linalg.solve(N - left_out * Z[b].T @ Z[b], Z[b].T @ e[b]) / size for b in stretches])
 
 
 def inverse(information: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,8 @@ SETTLED_STEPS = 4
 """A fit has ended after so many settled steps in a row, although the deviance may still change where a joint sticks."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, shared_error=False)
 """Settings for a candidate that is only compared with others."""
+HELD = replace(QUICK, sizes=False)
+"""Settings for a motion, or a candidate, beside disturbances whose sizes stay."""
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of models that run away, which have no likelihood
