@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Record, tuple_of_records
 from sysid.errors import InvalidInput, is_real
-from sysid.physics.ops import Array
 
 MOST_STRETCHES = 3
 """Stretches that are held out of a single rollout, at most."""
@@ -23,6 +22,14 @@ SHORTEST_PART = 0.5
 """Parts that are shorter [s] are merged with a neighbour."""
 SMALLEST_PART = 0.2
 """Share of the log that takes the place of SHORTEST_PART where it is less."""
+STRIDE = 0.1
+"""Seconds over which a joint moves or stands."""
+STANDING = 0.05
+"""Share of the RMS way in that time below which it stands."""
+LEAST_MOTION, MOST_MOTION = 0.1, 0.6
+"""Share of the time in motion that stretches may hold."""
+SHIFTS = (0.0, -0.5, 0.5, -1.0, 1.0)
+"""Places of a stretch in its part of the log, from one end (-1) to the other (1), in the order of the trials."""
 SHORTEST_LOG = 0.5
 """Seconds of the shortest log of which a part is held out."""
 SHORTEST_HELD_OUT = 2.0
@@ -88,12 +95,8 @@ def _divided(
         return _parted(records, chosen)
     held = min(max(share * total, SHORTEST_HELD_OUT), max(share, 0.5) * total)
     count = int(np.clip(held / (0.5 * SHORTEST_HELD_OUT), 1, MOST_STRETCHES))
-    middles, least = total * (np.arange(count) + 0.5) / count, min(SHORTEST_PART, SMALLEST_PART * total)
-    pieces = [
-        p
-        for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
-        for p in _pieces(r, float(begin), middles, 0.5 * held / count, least, name)
-    ]
+    inside = _stretches(records, count, 0.5 * held / count, min(SHORTEST_PART, SMALLEST_PART * total))
+    pieces = [piece for r, marks in zip(records, inside, strict=True) for piece in _pieces(r, marks, name)]
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
     if not (training and out) and len(records) > 1:  # the rollouts are too short to be cut
         training, out = _parted(records, _spread(len(records), min(math.ceil(held / max(seconds)), len(records) // 2)))
@@ -102,6 +105,45 @@ def _divided(
             f"{total:.2g} s of log are too short to hold a part out: expected some seconds, at least {SHORTEST_LOG:g}"
         )
     return training, out
+
+
+def _stretches(records: Sequence[Record], count: int, half: float, least: float) -> list[NDArray[np.bool_]]:
+    """Which intervals of each record are in one of `count` stretches that reach `half` [s] to either side.
+
+    There is one stretch in each of `count` parts of the log: in its middle, unless all of them would hold hardly any of
+    the motion then, or most of it. Pieces shorter than `least` [s] go with a neighbour.
+    """
+    ends, moves = np.cumsum([len(r) * r.dt for r in records]), _moves(records)
+    times = [end - r.dt * (np.arange(len(r))[::-1] + 0.5) for r, end in zip(records, ends, strict=True)]
+    middles, room = ends[-1] * (np.arange(count) + 0.5) / count, 0.5 * ends[-1] / count - half
+    found = []
+    for shifts in product(SHIFTS, repeat=count):
+        at = middles + room * np.array(shifts)
+        marks = [np.any(np.abs(t[:, None] - at) < half, axis=1) for t in times]
+        inside = [_merged(m, least / r.dt) for r, m in zip(records, marks, strict=True)]
+        together = np.concatenate(inside)
+        share = float(np.mean(together[moves])) if np.any(moves) else LEAST_MOTION
+        faults = (share > MOST_MOTION, share < LEAST_MOTION)
+        found.append((faults, inside))
+        if not any(faults) or np.all(together) or not np.any(together):
+            break
+    return min(found, key=lambda item: item[0])[1]
+
+
+def _moves(records: Sequence[Record]) -> NDArray[np.bool_]:
+    """Whether the joint moves within STRIDE after the beginning of each interval of the records."""
+    ways = []
+    for record in records:
+        angles = record.theta is not None and record.has_angles
+        read = np.asarray(record.theta if angles else record.theta_dot)
+        known = np.flatnonzero(np.isfinite(read))
+        filled = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
+        position = filled if angles else record.dt * np.concatenate([[0.0], np.cumsum(filled[:-1])])
+        ahead = np.minimum(np.arange(len(record)) + max(round(STRIDE / record.dt), 1), len(record))
+        ways.append(np.abs(position[ahead] - position[:-1]))
+    way = np.concatenate(ways)
+    moves: NDArray[np.bool_] = way > STANDING * math.sqrt(float(np.mean(way**2)))
+    return moves
 
 
 def _parted(records: Sequence[Record], chosen: Sequence[int]) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
@@ -116,17 +158,17 @@ def _spread(n: int, count: int) -> list[int]:
     return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
 
-def _pieces(
-    record: Record, begin: float, middles: Array, half: float, least: float, name: str
-) -> Iterator[tuple[Record, bool]]:
-    """Cut a record, which begins at `begin` [s] of the whole log's time, at the ends of stretches that reach `half` [s]
-    to either side of `middles`. Yields each piece and whether it is in a stretch, in which case `name` is in its name.
-    Pieces shorter than `least` [s] are merged with a neighbour."""
-    middle = begin + record.dt * (np.arange(len(record)) + 0.5)
-    inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
+def _merged(inside: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+    """The marks (N,) of a record's intervals, with runs of fewer than `least` given to a neighbour."""
     for first, last in _runs(inside):
-        if (last - first) * record.dt < least:
-            inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
+        if last - first < least:
+            inside[first:last] = inside[first - 1] if first else inside[min(last, len(inside) - 1)]
+    return inside
+
+
+def _pieces(record: Record, inside: NDArray[np.bool_], name: str) -> Iterator[tuple[Record, bool]]:
+    """Cut a record into what is inside stretches and what is not. Yields each piece and whether it is in a stretch, in
+    which case `name` is in its name."""
     if np.all(inside == inside[0]):
         yield record, bool(inside[0])
         return

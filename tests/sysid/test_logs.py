@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -447,6 +448,28 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     (longer,) = rollouts(1, 60.0)
     held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
     np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
+
+
+def stepped(seconds: float, at: Sequence[float], channel: str) -> Record:
+    """A joint that moves for half a second after each of some instants, and rests the remaining time."""
+    t = 0.02 * np.arange(round(seconds / 0.02) + 1)
+    theta = np.sum([2.0 * np.clip((t - begin) / 0.5, 0.0, 1.0) for begin in at], axis=0)
+    read = {"theta": theta} if channel == "theta" else {"theta_dot": np.gradient(theta, 0.02)}
+    return Record(t=t, u=np.zeros(len(t) - 1), **read)
+
+
+@pytest.mark.parametrize("channel", ["theta", "theta_dot"])
+@pytest.mark.parametrize("at", [(1.5,), (1.5, 5.0), (3.2, 3.9), (0.2, 6.2), (1.0, 3.3, 5.7)])
+def test_neither_side_of_a_split_is_all_at_rest(at, channel):
+    """In its middle a stretch may hold all of the motion, or none."""
+    fitted, held_out = (sum(motion(r, at) for r in side) for side in split([stepped(7.0, at, channel)]))
+    assert fitted + held_out == pytest.approx(0.5 * len(at))
+    assert 0.03 < held_out / (fitted + held_out) < 0.65
+
+
+def motion(record: Record, at: Sequence[float]) -> float:
+    """The seconds of a record in which the joint moves."""
+    return sum(max(min(record.t[-1], begin + 0.5) - max(record.t[0], begin), 0.0) for begin in at)
 
 
 @pytest.mark.parametrize("n", [1, 3, 4, 12])
