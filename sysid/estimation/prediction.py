@@ -109,7 +109,8 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
 
-    This is one Gauss-Newton step away from block b. The windows of a short log are shorter than `seconds`, since a few
+    This is one Gauss-Newton step away from block b, in which no number goes more than half the way to a bound: an
+    inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since a few
     would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
@@ -194,10 +195,9 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     size = np.linalg.norm(Z, axis=0)
     free[free] = size > 0.0
     Z = Z[:, size > 0.0] / size[size > 0.0]
-    B, balance = fit.balance_rows
-    B = B[:, free] / size[size > 0.0]
+    B = fit.balance_rows[0][:, free] / size[size > 0.0]
     rest = np.concatenate([Z[~rows], B])
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
-    step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
-    return fit.model.with_numbers(fit.names, np.clip(p + step, low, high).tolist())
+    step[free] = -np.linalg.solve(N, Z[rows].T @ e[rows]) / size[size > 0.0]
+    return fit.model.with_numbers(fit.names, np.clip(p + step, 0.5 * (p + low), 0.5 * (p + high)).tolist())
