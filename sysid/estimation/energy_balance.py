@@ -209,7 +209,7 @@ class EnergyBalance:
 
         The covariance and the half swings that count are found beside the likeliest frictions, whatever the model has.
         """
-        applies = not samples.driven and bool(np.mean(samples.weight[:, 0] > 0.0) > 0.5)
+        applies = not samples.driven and samples.reads(0)
         swings = half_swings(samples) if applies else []
         if len(swings) < FEWEST:
             return None

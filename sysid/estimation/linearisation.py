@@ -63,7 +63,7 @@ class Samples:
             if record.starts_midway:  # for a while a model with a memory cannot predict what unknown commands left
                 blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
                 self.weight[begin : begin + blind] = 0.0
-        self.shared = int(speeds_share and np.mean(self.weight[:, 0] > 0.0) <= 0.5)
+        self.shared = int(speeds_share and not self.reads(0))
         self._followed: dict[tuple[str, bytes], Array] = {}
 
     def __len__(self) -> int:
@@ -83,6 +83,11 @@ class Samples:
     def readings(self) -> int:
         """The number of readings."""
         return int(np.count_nonzero(self.weight))
+
+    def reads(self, channel: int) -> bool:
+        """Whether most instants that have a reading have one of this channel, and not a known start alone, say."""
+        read = self.weight > 0.0
+        return bool(np.mean(read[np.any(read, axis=1), channel]) > 0.5)
 
     @cached_property
     def smoothed(self) -> Array:

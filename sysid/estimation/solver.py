@@ -275,8 +275,7 @@ def shown_extent(samples: Samples, model: Model) -> Extent:
 def _shared_sd(samples: Samples) -> float:
     """The sd of the readings whose neighbours may share an error; 0 if at most half of the instants have one, such as a
     known start alone."""
-    weight = samples.weight[:, samples.shared]
-    return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
+    return float(1.0 / np.max(samples.weight[:, samples.shared])) if samples.reads(samples.shared) else 0.0
 
 
 def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:

@@ -16,7 +16,7 @@ from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error, widened_sensor
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error, with_smooth_error
-from sysid.estimation.solver import Settings, fit_parameters
+from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
 from sysid.physics.ops import Array
 from tests.sysid.planted import accelerated
 
@@ -99,6 +99,17 @@ def test_a_smooth_error_is_a_stationary_process_of_the_covariance_that_defines_i
     np.testing.assert_allclose(twice * start @ twice.T + grown, np.diag(start), rtol=1e-12, atol=1e-15)
     kept = [np.linalg.matrix_power(once, k)[2, 2] * start[2] for k in range(40)]
     np.testing.assert_allclose(kept, error.shared_variance(0.02 * np.arange(40)), rtol=1e-9)
+
+
+def test_a_joint_that_rests_most_of_the_time_is_read_by_its_angle_all_the_same() -> None:
+    """Half a second at rest is one reading: fewer than half of the instants have one then."""
+    t = 0.02 * np.arange(2001)
+    theta = np.sin(2.0 * np.pi * np.minimum(t, 8.0)) + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    record, wheel = Record(t=t, u=np.zeros(2000), theta=theta), Model(GeneralJoint(), dt=0.02)
+    samples = Samples(wheel, [record], Sensor(theta=1e-3), speeds_share=True)
+    assert np.mean(samples.weight[:, 0] > 0.0) < 0.5, "no rest was merged: the law says nothing"
+    assert not samples.shared, "no speed was read that could share an error"
+    assert large_disturbances(samples).sigma_o > 0.0
 
 
 def test_a_smooth_error_of_speeds_is_told_from_a_random_torque() -> None:
