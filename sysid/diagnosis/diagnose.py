@@ -21,7 +21,7 @@ from sysid.diagnosis.answer import Alternative, Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.contacts import Contact, find_contacts, without_contacts
 from sysid.diagnosis.criteria import is_plausible
-from sysid.diagnosis.explanation import Evidence
+from sysid.diagnosis.explanation import Evidence, friction_shown
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
@@ -41,7 +41,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import settled
-from sysid.estimation.torque_regression import frees_gravity, friction_along, telling_motion
+from sysid.estimation.torque_regression import frees_gravity, telling_motion
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -172,7 +172,7 @@ def _searched(
 def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
     """Whether the friction along the motion contradicts the inertia of a final fit, which then tells nothing of hands;
     `base` is the fit of the model as it came."""
-    along = friction_along(base.model, base.names, search.records, search.records, search.sensor)
+    along = friction_shown(search, base, end, search.records)
     return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.inertia_factor)
 
 

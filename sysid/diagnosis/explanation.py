@@ -71,12 +71,6 @@ class Evidence:
         end = self.search.end(self.base).model
         return EnergyBalance.of(Samples(end, tuple(self.held_out), self.search.sensor), end)
 
-    @cached_property
-    def friction_along(self) -> FrictionAlong | None:
-        """Friction and load in the drive's torque along the motion, if they show."""
-        search = self.search
-        return friction_along(self.base.model, self.base.names, search.records, self.held_out, search.sensor)
-
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
         return held_out_error(fit.model, self.held_out, self.sensor, self.settings.ahead)
@@ -148,6 +142,11 @@ class Explanation:
         depends_on = (*(q for q in over.depends_on if q != "time"), "time") if contacts else over.depends_on
         return Remaining(share, depends_on, over.where, after)
 
+    @cached_property
+    def friction_along(self) -> FrictionAlong | None:
+        """Friction and load in the drive's torque along the motion (`friction_shown`)."""
+        return friction_shown(self.evidence.search, self.evidence.base, self.fit, self.evidence.held_out)
+
     def missing_over(self, quantity: str, alone: bool) -> float:
         """The mean square [N^2 m^2] of the missing torque if that is a function of the quantity `alone`, else of the
         part of it that the quantity predicts."""
@@ -170,3 +169,13 @@ class Explanation:
         another = along.contradicts(self.fit.inertia, settings.inertia_factor)
         lacking = along.shows_dry_friction and not any(e.is_dry for e in self.fit.model.effects)
         return another or lacking or not self.additions
+
+
+def friction_shown(search: Search, base: Fit, end: Fit, unseen: Sequence[Record]) -> FrictionAlong | None:
+    """Friction and load in the drive's torque along the motion, if they show. The torque is as late as a fit says that
+    has more effects than the model as it came, `base`: a regression takes what comes late for an inertia."""
+    model = base.model
+    for effect in end.model.input_effects:
+        if effect.name not in model.effect_names and effect.rest(model.dt):
+            model = model.with_effect(effect)
+    return friction_along(model, base.names, search.records, unseen, search.sensor)

@@ -143,10 +143,11 @@ class Search:
         among, more = tried, iter((partial(self._others, trials=tried), self._simulated, self._composites))
         while True:
             while (chosen := self._chosen(now, tried, among, nothing)) is not None:
-                now = self._pruned(self._added(now, chosen, tried))
-                if self.names != before or (before and now.deviance < least):
+                end = self._pruned(self._added(now, chosen, tried))
+                if self.names != before or (before and end.deviance < least):
                     self.trials = self.trials or tried
-                    return now, True
+                    return end, True
+                now = min(now, end, key=lambda fit: fit.deviance)
                 nothing.append(chosen.effects)
             others = None if now.undisturbed else next(more, None)
             if others is None:

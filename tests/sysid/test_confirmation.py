@@ -56,6 +56,7 @@ class Told(Explanation):
     torque: Any = _torque(1.0)
     remains: Any = True
     fails_elsewhere: Any = False
+    friction_along: Any = None
 
 
 class ScriptedEvidence(Evidence):
@@ -63,7 +64,6 @@ class ScriptedEvidence(Evidence):
 
     ratios: dict[tuple[str, ...], float]
     held_out_balance: Any = None
-    friction_along: Any = None
 
     @property
     def bare(self) -> Any:
@@ -172,6 +172,20 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
         patch.setattr(Told, "torque", property(lambda own: _torque(2.0 if "coulomb" in own.names else 1.0)))
         found = Scripted(fewer, frozenset())
     assert found.now.names == (("coulomb",) if stays else ())
+
+
+@pytest.mark.parametrize(("factor", "stays"), [(0.3, True), (0.8, False)])
+def test_what_halves_the_held_out_error_stays_though_friction_along_the_motion_leaves_less(
+    factor: float, stays: bool
+) -> None:
+    fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
+    along: Any = object()
+    with scripted() as patch:
+        patch.setattr(Told, "friction_along", along)
+        patch.setattr(Told, "remaining", object())
+        patch.setattr(Told, "leaves_more_than", lambda *_: True)
+        found = Scripted(fewer, frozenset())
+    assert (found.now.names, found.friction) == ((("coulomb",), None) if stays else ((), along))
 
 
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
@@ -391,11 +405,11 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
     """A torque of 1 is missing, and friction leaves a twentieth of the drive's squares."""
     friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), inertia, 0.95)
     with scripted() as patch:
-        patch.setattr(ScriptedEvidence, "friction_along", friction if along else None)
+        patch.setattr(Told, "friction_along", friction if along else None)
         patch.setattr(Scripted, "_compare_frictions", lambda own: own.as_likely.append(own.bare))
         patch.setattr(Told, "torque", _torque(1.0, drive))
         patch.setattr(Told, "remaining", Remaining(0.5, (), ""))
-        found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
+        found = Scripted({own: 4.0 - 0.5 * len(own) for own in SUBSETS}, frozenset())
     assert found.friction is (friction if said else None)
     assert found.now.names == (() if said else NAMES)
     assert not found.unconfirmed and bool(found.as_likely) is not said

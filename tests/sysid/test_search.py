@@ -63,7 +63,7 @@ from sysid.estimation.prediction import PredictionErrors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import price, scores
-from sysid.estimation.solver import fit_parameters
+from sysid.estimation.solver import HELD, fit_parameters
 from sysid.physics.ops import Value
 from sysid.planning.excitation import steps
 from tests.sysid.planted import DT, SENSOR, logs, rod, shaken, truth
@@ -87,6 +87,23 @@ def base() -> Fit:
 @cache
 def mended() -> Fit:
     return extended(base(), [Coulomb(tau_c=0.05)])
+
+
+def test_what_was_added_in_vain_leaves_no_worse_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two effects are added and pruned again, and the fit without them ends elsewhere."""
+    search = Search(rubbing(), SENSOR, effects=("coulomb",))
+    worse = fit_parameters(
+        base().samples, rod().with_parameters({"m": 1.5}), (), base(), base().disturbances.scaled(0.5), HELD
+    )
+
+    def pruned(self: Search, now: Fit) -> Fit:
+        self.additions = []
+        return worse
+
+    monkeypatch.setattr(Search, "_pruned", pruned)
+    _, end = search.run(rod(), PLANT)
+    assert search.trials and not search.additions, "nothing was tried"
+    assert end.deviance < worse.deviance - 100.0
 
 
 # a random torque beside the model ----------------------------------------------------------------------------

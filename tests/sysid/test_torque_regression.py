@@ -7,7 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import DCMotor, GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, Viscous, diagnose, simulate
+from sysid import (
+    RK4,
+    DCMotor,
+    GeneralJoint,
+    LinearAxis,
+    Model,
+    Plant,
+    Record,
+    Sensor,
+    Viscous,
+    diagnose,
+    effect,
+    simulate,
+)
 from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression, telling_motion
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
@@ -43,6 +56,20 @@ def test_friction_is_found_within_its_error_where_the_inertia_does_not_show(seed
     assert abs(friction.viscous[0] - B) < 4.0 * friction.viscous[1]
     assert abs(friction.coulomb[0] - TAU_C) < 4.0 * friction.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
     assert friction.share > 0.9
+
+
+def test_a_drive_that_is_late_is_no_inertia() -> None:
+    """A speed loop's torque comes 0.1 s late, against a friction of 1 N m s/rad: that looks like an inertia of 0.1."""
+    truth = Model(GeneralJoint(J=0.02, G=0.0), (effect("viscous", b=1.0), effect("delay", T=0.1)), RK4(4), 0.03)
+    rng = np.random.default_rng(0)
+    run = simulate(truth, np.repeat(rng.uniform(-20.0, 20.0, 100), 10), 0.0, 0.0)
+    record = Record(t=run.t, u=run.u, theta_dot=run.theta_dot + 0.2 * rng.standard_normal(len(run.t)))
+    first, last, sensor = record.head(750), record.part(750, len(record), "last"), Sensor(theta_dot=0.2)
+    plain = truth.without_effect("viscous")
+    on_time, late = (friction_along(m, ("J",), [first], [last], sensor) for m in (plain.without_effect("delay"), plain))
+    assert on_time is not None and late is not None
+    assert on_time.contradicts(0.02, 2.0) and on_time.inertia[0] > 0.06
+    assert late.inertia[0] == pytest.approx(0.02, abs=0.01) and late.viscous[0] == pytest.approx(1.0, rel=0.02)
 
 
 def led_along_a_sine(frequency: float, seed: int = 0, seconds: float = 10.0) -> Record:
