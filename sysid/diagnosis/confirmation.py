@@ -17,10 +17,11 @@ from sysid.diagnosis.criteria import (
 )
 from sysid.diagnosis.explanation import Evidence, Explanation
 from sysid.diagnosis.friction_sets import FrictionSets, is_as_good, least_size
+from sysid.diagnosis.hidden_friction import hidden_friction
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.energy_balance import FRICTIONS
-from sysid.estimation.horizon_fit import horizon_fit
+from sysid.estimation.horizon_fit import HorizonFit, horizon_fit
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, settled
@@ -56,6 +57,7 @@ class Confirmation:
         self._take_back_imitations()
         self._compare_frictions()
         self._reconsider()
+        self._find_hidden_friction()
         self._weigh_friction()
         self._take_numbers_that_predict_best()
 
@@ -349,6 +351,16 @@ class Confirmation:
             if sound and more.error.ratio < self.now.error.ratio * (1.0 - self.settings.tolerance):
                 self.now = more
 
+    def _find_hidden_friction(self) -> None:
+        """If nothing is named, name the friction that predictions show, unless it imitates something unknown."""
+        found = None if self.additions else hidden_friction(self.bare)
+        if found is not None:
+            self.now = self.weighed[found.names] = found
+            if self._imitation() is None:
+                self.unconfirmed = [name for name in self.unconfirmed if name not in found.names]
+            else:
+                self.now = self.bare
+
     def _weigh_friction(self) -> None:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
@@ -364,14 +376,10 @@ class Confirmation:
             self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []
 
     def _take_numbers_that_predict_best(self) -> None:
-        """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters.
-
-        They stay the likeliest ones if the inertia would be another by `farthest_inertia`: to predict best, it would
-        imitate what is missing.
-        """
-        now, fit = self.now, horizon_fit(self.now.fit, self.settings.ahead)
-        if fit is None or abs(math.log(fit.inertia / now.fit.inertia)) > math.log(self.settings.farthest_inertia):
-            return
-        best = Explanation(self.evidence, now.additions, fit)
-        if is_lowered(best.error.ratio, now.error.ratio, self.settings.tolerance):
-            self.now = self.weighed[now.names] = best
+        """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters."""
+        now = self.now
+        fit = None if isinstance(now.fit, HorizonFit) else horizon_fit(now.fit, self.settings.ahead)
+        if fit is not None:
+            best = Explanation(self.evidence, now.additions, fit)
+            if is_lowered(best.error.ratio, now.error.ratio, self.settings.tolerance):
+                self.now = self.weighed[now.names] = best

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sysid.errors import InvalidInput
 from sysid.estimation.prediction import BLOCKS, HORIZON
+from sysid.estimation.prediction_error import LARGEST_NOISE
 
 SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
 """Shortest and longest horizon [s] that can be asked for."""
@@ -102,8 +103,6 @@ class SearchSettings:
         A model leaves far more torque missing than friction along the motion does if it is by this factor.
     inertia_factor : float
         A model has quite another inertia than the torque along the motion shows if they differ by this factor.
-    farthest_inertia : float
-        Factor from the likeliest inertia beyond which numbers that predict best are not told.
 
     Raises
     ------
@@ -153,7 +152,7 @@ class SearchSettings:
     close_deviance: float = 3.0
     balance_deviance: float = 10.0
     remaining_error: float = 0.3
-    largest_noise: float = 5.0
+    largest_noise: float = LARGEST_NOISE
     unseen_error_factor: float = 1.25
     rare_from: float = 1.5
     rare_fall: float = 1.0 - math.sqrt(0.5)
@@ -162,7 +161,6 @@ class SearchSettings:
     swollen_factor: float = 3.0
     farther_factor: float = 1.5
     inertia_factor: float = 1.5
-    farthest_inertia: float = 2.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance < 1.0:

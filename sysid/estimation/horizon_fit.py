@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -25,6 +26,8 @@ NEGLIGIBLE_FALL = 1e-4
 """Share of the sum of squares by which the last step lowers it."""
 EXPLAINED = 1.05
 """RMS of the innovations, in units of the noise, up to which a model without a random torque explains its log."""
+FARTHEST_INERTIA = 2.0
+"""Factor from the likeliest inertia beyond which numbers that predict best imitate what is missing."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,8 +70,11 @@ class HorizonFit(Fit):
 
 
 def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
-    """The numbers that predict best over windows of some `seconds`, begun at those of a fit. There are none if nothing
-    is free, if the model explains the log, so that likelihood decides, or if it runs away."""
+    """The numbers that predict best over windows of some `seconds`, begun at those of a fit.
+
+    There are none if nothing is free, if the model explains the log, so that likelihood decides, if it runs away, or if
+    they go with quite another inertia (FARTHEST_INERTIA).
+    """
     from scipy.optimize import least_squares
 
     explains = fit.undisturbed and float(np.sqrt(np.mean(fit.e**2))) < EXPLAINED
@@ -88,6 +94,8 @@ def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
             max_nfev=EVALUATIONS,
         )
     model = fit.model.with_numbers(fit.names, solution.x.tolist())
+    if abs(math.log(float(model.inertia()) / fit.inertia)) > math.log(FARTHEST_INERTIA):
+        return None
     held = fit_parameters(fit.samples, model, (), fit, settings=HELD)
     at = {f.name: getattr(held, f.name) for f in fields(Fit)}
     K, P = len(predictions.windows), len(fit.names)

@@ -35,6 +35,8 @@ LARGEST_ERROR = 0.1
 """Share of the motion's standard deviation that an error of its readings does not reach."""
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
+LARGEST_NOISE = 5.0
+"""Errors of so many times the noise cannot mean that the noise was given too small: something is missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +169,16 @@ class Fit:
 
     @cached_property
     def undisturbed(self) -> bool:
-        """Whether the log needs no disturbance: without any, the deviance is larger by less than NUMBERS_GAIN.
+        """Whether the log needs no disturbance: without any, the deviance is larger by less than NUMBERS_GAIN, and the
+        errors are below LARGEST_NOISE.
 
         For both, the sensor's noise is scaled up to the errors: a noise given too small asks for no disturbance.
         """
         none = replace(self.disturbances, s=0.0, sigma_o=0.0, sigma_f=0.0)
-        read = self.samples.weight > 0.0
-        bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
+        without, read = self.linearised.system.filter(none), self.samples.weight > 0.0
+        if float(np.sqrt(np.mean(np.square(without.innovations[read])))) > LARGEST_NOISE:
+            return False
+        bare, here = (_whatever_the_noise(f, read) for f in (without, self.filter))
         return bare - here < NUMBERS_GAIN
 
     @property

@@ -114,6 +114,9 @@ class Scripted(Confirmation):
     def _swells(self, *_: Any) -> bool:
         return False
 
+    def _find_hidden_friction(self) -> None:
+        """A script has no predictions."""
+
     def _take_numbers_that_predict_best(self) -> None:
         """A script has no numbers."""
 
