@@ -93,14 +93,11 @@ class ModelOptions:
     drive of mass m that a force moves, in m and N."""
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=NUMBER", help_behavior_hint="(repeatable)")] = ()
-    """Fix what is known, as in l=0.45; of an effect that is not in the model yet: --with."""
+    """Fix what is known, as in l=0.45 or g=9.8; of an effect that is not in the model yet: --with."""
 
     effects_from_start: Annotated[str, option("EFFECT,EFFECT.NAME=NUMBER", name="with")] = ""
     """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it
     is fitted (`sysid effects` lists them)."""
-
-    gravity: Annotated[float | None, option("G", "9.81")] = None
-    """Gravity [m/s^2]."""
 
     effects: File = None
     """A Python file with effects of your own (@sysid.register), which is run; they are ranked like ours."""

@@ -58,10 +58,6 @@ def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[
         model, names = saved.model, saved.free
         _check_plant(options, model.plant)
     known = named_numbers("--set", options.set)
-    if options.gravity is not None:
-        if "g" not in model.parameters:
-            raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
-        known["g"] = options.gravity
     model, added = _with_effects(model, options.effects_from_start)
     model, more = _with_actuator(model, command)
     names += more

@@ -157,7 +157,7 @@ def test_a_free_swing_shows_the_length_and_not_the_mass(tmp_path, capsys):
 @pytest.mark.long
 def test_what_is_known_stays_fixed(hidden, tmp_path, capsys):
     out = str(tmp_path / "model.json")
-    assert main(["fit", *hidden, "--plant", "point", "--set", "l=0.6", "--gravity", "9.8", "-o", out]) == 0
+    assert main(["fit", *hidden, "--plant", "point", "--set", "l=0.6", "--set", "g=9.8", "-o", out]) == 0
     saved = sysid.load(out)
     assert saved.free == ("m",)
     assert (saved.model.plant.l, saved.model.plant.g) == (0.6, 9.8)
@@ -351,7 +351,7 @@ OPTIONS = {
     "nothing left": (["fit", "LOG", "--set", "l=1", "--set", "m=1"], "nothing is left to fit"),
     "noise of nothing": (["fit", "LOG", "--noise", "phi=1"], "--noise names 'phi'"),
     "noise below zero": (["fit", "LOG", "--noise", "theta=-1"], "positive number"),
-    "no gravity": (["fit", "LOG", "--plant", "joint", "--gravity", "9"], "--gravity"),
+    "no gravity": (["fit", "LOG", "--plant", "joint", "--set", "g=9"], "unknown parameter 'g'"),
     "set without effect": (["fit", "LOG", "--set", "viscous.b=0.1"], "--with viscous.b=0.1 puts it in"),
     "with no effect": (["fit", "LOG", "--with", "viscus"], "did you mean viscous"),
     "with no such number": (["fit", "LOG", "--with", "viscous.c=1"], "expected viscous or viscous.b=NUMBER"),
