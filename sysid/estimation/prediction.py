@@ -109,7 +109,7 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
 
-    This is one Gauss-Newton step away from block b, in which no number goes more than half the way to a bound: an
+    This is one Gauss-Newton step away from block b, in which no number that may not be 0 is more than halved: an
     inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since a few
     would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
@@ -200,4 +200,5 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
     step[free] = -np.linalg.solve(N, Z[rows].T @ e[rows]) / size[size > 0.0]
-    return fit.model.with_numbers(fit.names, np.clip(p + step, 0.5 * (p + low), 0.5 * (p + high)).tolist())
+    least = np.where(fit.prior.positive, 0.5 * p, low)
+    return fit.model.with_numbers(fit.names, np.clip(p + step, least, high).tolist())

@@ -35,7 +35,7 @@ LARGEST_ERROR = 0.1
 """Share of the motion's standard deviation that an error of its readings does not reach."""
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two superfluous numbers bring in one of 20 logs."""
-LARGEST_NOISE = 5.0
+LARGEST_NOISE = 6.0
 """Errors of so many times the noise cannot mean that the noise was given too small: something is missing."""
 
 

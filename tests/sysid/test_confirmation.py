@@ -159,8 +159,8 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     assert found.unconfirmed == [unknown]
 
 
-@pytest.mark.parametrize(("error", "remains"), [(4.0, False), (6.0, True)])
-def test_errors_of_five_times_the_noise_are_none(error: float, remains: bool) -> None:
+@pytest.mark.parametrize(("error", "remains"), [(5.0, False), (7.0, True)])
+def test_errors_of_a_few_times_the_noise_are_none(error: float, remains: bool) -> None:
     """A noise that was given too small by less needs no random torque, and is no finding."""
     among: Any = SimpleNamespace(settings=DEFAULT, widened=False)
     own = Explanation(among, (), cast(Any, SimpleNamespace(undisturbed=True)))
