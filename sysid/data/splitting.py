@@ -22,12 +22,14 @@ SHORTEST_PART = 0.5
 """Parts that are shorter [s] are merged with a neighbour."""
 SMALLEST_PART = 0.2
 """Share of the log that takes the place of SHORTEST_PART where it is less."""
-STRIDE = 0.1
-"""Seconds over which a joint moves or stands."""
+WAY_TIME = 0.1
+"""Seconds over which the joint's way is taken, to tell whether it moves."""
 STANDING = 0.05
-"""Share of the RMS way in that time below which it stands."""
+"""Share of the RMS way below which the joint stands."""
+ABOVE_NOISE = 3.0
+"""Least way of a moving joint, in units of what the noise of its readings adds to a way."""
 LEAST_MOTION, MOST_MOTION = 0.1, 0.6
-"""Share of the time in motion that stretches may hold."""
+"""Least and largest share of the time in motion that all stretches together may hold out."""
 SHIFTS = (0.0, -0.5, 0.5, -1.0, 1.0)
 """Places of a stretch in its part of the log, from one end (-1) to the other (1), in the order of the trials."""
 SHORTEST_LOG = 0.5
@@ -42,8 +44,9 @@ def split(records: Sequence[Record], hold_out: float | None = None) -> tuple[tup
     The held-out rollouts are spread over the log, whose end is often another kind of motion. If there are fewer than
     four (a single long log, say), or the chosen ones are too short, a quarter of the time is held out instead, in one
     to three stretches spread over the log. There are few of them, because a fit loses information with every free
-    initial state. Of rollouts that are too short to be cut, at most half are held out whole. A part behind a cut knows
-    the commands before it (for delays and lags); if sensors have a memory, a lead-in is not scored.
+    initial state. They move within their parts of the log if together they would hold most of its motion, or hardly
+    any. Of rollouts that are too short to be cut, at most half are held out whole. A part behind a cut knows the
+    commands before it (for delays and lags); if sensors have a memory, a lead-in is not scored.
 
     Parameters
     ----------
@@ -77,16 +80,18 @@ def split(records: Sequence[Record], hold_out: float | None = None) -> tuple[tup
 
 def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
     """About `most` samples of a log: at least three rollouts, or else stretches, spread over it; all of a log that has
-    no more."""
+    no more. Stretches move as those of `split` do if together they would hold hardly any of the motion."""
     share = most / max(sum(map(len, records)), 1)
-    return tuple(records) if share >= 1.0 else _divided(records, share, "searched part", MOST_STRETCHES)[1]
+    if share >= 1.0:
+        return tuple(records)
+    return _divided(records, share, "searched part", fewest=MOST_STRETCHES, most_motion=1.0)[1]
 
 
 def _divided(
-    records: Sequence[Record], share: float, name: str, fewest: int = 1
+    records: Sequence[Record], share: float, name: str, fewest: int = 1, most_motion: float = MOST_MOTION
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """(rest, chosen) of a log: a `share` of it, spread over it, as at least `fewest` whole rollouts or as stretches
-    with that name."""
+    with that name, which hold at most a share `most_motion` of its motion, or half as much again as of its time."""
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
@@ -95,7 +100,8 @@ def _divided(
         return _parted(records, chosen)
     held = min(max(share * total, SHORTEST_HELD_OUT), max(share, 0.5) * total)
     count = int(np.clip(held / (0.5 * SHORTEST_HELD_OUT), 1, MOST_STRETCHES))
-    inside = _stretches(records, count, 0.5 * held / count, min(SHORTEST_PART, SMALLEST_PART * total))
+    shortest, most = min(SHORTEST_PART, SMALLEST_PART * total), max(most_motion, 1.5 * held / total)
+    inside = _stretches(records, count, 0.5 * held / count, shortest, most)
     pieces = [piece for r, marks in zip(records, inside, strict=True) for piece in _pieces(r, marks, name)]
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
     if not (training and out) and len(records) > 1:  # the rollouts are too short to be cut
@@ -107,42 +113,54 @@ def _divided(
     return training, out
 
 
-def _stretches(records: Sequence[Record], count: int, half: float, least: float) -> list[NDArray[np.bool_]]:
-    """Which intervals of each record are in one of `count` stretches that reach `half` [s] to either side.
+def _stretches(
+    records: Sequence[Record], count: int, half: float, shortest: float, most: float
+) -> list[NDArray[np.bool_]]:
+    """Whether each interval is in one of `count` stretches that reach `half` [s] to either side: (N,) for each record.
 
-    There is one stretch in each of `count` parts of the log: in its middle, unless all of them would hold hardly any of
-    the motion then, or most of it. Pieces shorter than `least` [s] go with a neighbour.
+    There is one stretch in each of `count` parts of the log: in its middle, unless together they would hold less than
+    LEAST_MOTION of the time in motion, or more than a share `most`. Pieces shorter than `shortest` [s] go with a
+    neighbour.
     """
     ends, moves = np.cumsum([len(r) * r.dt for r in records]), _moves(records)
     times = [end - r.dt * (np.arange(len(r))[::-1] + 0.5) for r, end in zip(records, ends, strict=True)]
     middles, room = ends[-1] * (np.arange(count) + 0.5) / count, 0.5 * ends[-1] / count - half
-    found = []
+    best, least = list[NDArray[np.bool_]](), math.inf
     for shifts in product(SHIFTS, repeat=count):
         at = middles + room * np.array(shifts)
-        marks = [np.any(np.abs(t[:, None] - at) < half, axis=1) for t in times]
-        inside = [_merged(m, least / r.dt) for r, m in zip(records, marks, strict=True)]
+        inside = [
+            _merged(np.any(np.abs(t[:, None] - at) < half, axis=1), shortest / r.dt)
+            for r, t in zip(records, times, strict=True)
+        ]
         together = np.concatenate(inside)
+        cut = bool(np.any(together) and not np.all(together))
         share = float(np.mean(together[moves])) if np.any(moves) else LEAST_MOTION
-        faults = (share > MOST_MOTION, share < LEAST_MOTION)
-        found.append((faults, inside))
-        if not any(faults) or np.all(together) or not np.any(together):
+        fault = max(share - most, LEAST_MOTION - share, 0.0) + (share in (0.0, 1.0))
+        if not best or (cut and fault < least):
+            best, least = inside, fault
+        if not cut or least == 0.0:
             break
-    return min(found, key=lambda item: item[0])[1]
+    return best
 
 
 def _moves(records: Sequence[Record]) -> NDArray[np.bool_]:
-    """Whether the joint moves within STRIDE after the beginning of each interval of the records."""
-    ways = []
+    """Whether the joint moves in WAY_TIME after the beginning of each interval of all records, one after the other."""
+    ways, noises = [], []
     for record in records:
-        angles = record.theta is not None and record.has_angles
-        read = np.asarray(record.theta if angles else record.theta_dot)
-        known = np.flatnonzero(np.isfinite(read))
-        filled = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
-        position = filled if angles else record.dt * np.concatenate([[0.0], np.cumsum(filled[:-1])])
-        ahead = np.minimum(np.arange(len(record)) + max(round(STRIDE / record.dt), 1), len(record))
-        ways.append(np.abs(position[ahead] - position[:-1]))
-    way = np.concatenate(ways)
-    moves: NDArray[np.bool_] = way > STANDING * math.sqrt(float(np.mean(way**2)))
+        ahead = max(round(WAY_TIME / record.dt), 1)
+        if record.theta is not None and record.has_angles:
+            position, added = record.theta, 1.0
+        elif record.theta_dot is not None:
+            position = record.dt * np.concatenate([[0.0], np.cumsum(record.theta_dot[:-1])])
+            added = math.sqrt(ahead)  # errors of the speed add up over the way
+        else:
+            position, added = np.zeros(len(record) + 1), 1.0
+        last = np.minimum(np.arange(len(record)) + ahead, len(record))
+        ways.append(np.abs(position[last] - position[:-1]))
+        noises.append(added * np.abs(np.diff(position, 2)))
+    way, noise = np.concatenate(ways), np.concatenate(noises)
+    standing = STANDING * math.sqrt(float(np.mean(way**2)))
+    moves: NDArray[np.bool_] = way > max(standing, ABOVE_NOISE * float(np.median(noise)) if len(noise) else 0.0)
     return moves
 
 
@@ -158,10 +176,10 @@ def _spread(n: int, count: int) -> list[int]:
     return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
 
-def _merged(inside: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """The marks (N,) of a record's intervals, with runs of fewer than `least` given to a neighbour."""
+def _merged(inside: NDArray[np.bool_], fewest: float) -> NDArray[np.bool_]:
+    """The marks (N,) of a record's intervals, changed so that runs of fewer than `fewest` go with a neighbour."""
     for first, last in _runs(inside):
-        if last - first < least:
+        if last - first < fewest:
             inside[first:last] = inside[first - 1] if first else inside[min(last, len(inside) - 1)]
     return inside
 

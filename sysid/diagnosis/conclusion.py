@@ -28,12 +28,9 @@ FELL = 5e-3
 """A fall of the held-out error by less than this share is reported together with that of the next step."""
 
 
-def conclusion(
-    confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...], seconds: float
-) -> Diagnosis:
-    """The answer that a confirmation leads to. The notes are those of reading the records, and the seconds those that
-    it took."""
-    return _Conclusion(confirmed, records, notes).diagnosis(seconds)
+def conclusion(confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...]) -> Diagnosis:
+    """The answer that a confirmation leads to; `notes` are those of reading the records."""
+    return _Conclusion(confirmed, records, notes).diagnosis()
 
 
 class _Conclusion:
@@ -44,7 +41,7 @@ class _Conclusion:
         self.search, self.base = self.evidence.search, self.evidence.base
         self.records, self.notes = records, notes
 
-    def diagnosis(self, seconds: float) -> Diagnosis:
+    def diagnosis(self) -> Diagnosis:
         """The answer."""
         now, bare = self.confirmed.now, self.confirmed.explanation(())
         end, steps = now.fit, self._steps(now.fit)
@@ -75,7 +72,7 @@ class _Conclusion:
             estimate=end.estimate(),
             contacts=self.evidence.contacts,
             next_experiment=self._experiment(machine, end),
-            seconds=seconds,
+            seconds=0.0,
             torque=now.torque,
             negligible=tuple(n for n in self.search.negligible if n not in named),
             unconfirmed=tuple(self.confirmed.unconfirmed),

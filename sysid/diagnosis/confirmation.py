@@ -21,7 +21,6 @@ from sysid.diagnosis.hidden_friction import hidden_friction
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
 from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.energy_balance import FRICTIONS
-from sysid.estimation.horizon_fit import HorizonFit, horizon_fit
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, settled
@@ -354,12 +353,17 @@ class Confirmation:
     def _find_hidden_friction(self) -> None:
         """If nothing is named, name the friction that predictions show, unless it imitates something unknown."""
         found = None if self.additions else hidden_friction(self.bare)
-        if found is not None:
-            self.now = self.weighed[found.names] = found
-            if self._imitation() is None:
-                self.unconfirmed = [name for name in self.unconfirmed if name not in found.names]
-            else:
-                self.now = self.bare
+        if found is None:
+            return
+        likeliest, self.now = self.weighed.get(found.names), found
+        self.weighed[found.names] = found
+        if self._imitation() is None:
+            self.unconfirmed = [name for name in self.unconfirmed if name not in found.names]
+            return
+        self.now = self.bare
+        del self.weighed[found.names]
+        if likeliest is not None:
+            self.weighed[found.names] = likeliest
 
     def _weigh_friction(self) -> None:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
@@ -377,9 +381,6 @@ class Confirmation:
 
     def _take_numbers_that_predict_best(self) -> None:
         """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters."""
-        now = self.now
-        fit = None if isinstance(now.fit, HorizonFit) else horizon_fit(now.fit, self.settings.ahead)
-        if fit is not None:
-            best = Explanation(self.evidence, now.additions, fit)
-            if is_lowered(best.error.ratio, now.error.ratio, self.settings.tolerance):
-                self.now = self.weighed[now.names] = best
+        now, best = self.now, self.now.predicting_best
+        if best is not None and is_lowered(best.error.ratio, now.error.ratio, self.settings.tolerance):
+            self.now = self.weighed[now.names] = best

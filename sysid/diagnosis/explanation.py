@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from sysid.diagnosis.search_settings import SearchSettings
 from sysid.estimation.disturbances import NO_DISTURBANCE, Disturbances
 from sysid.estimation.energy_balance import EnergyBalance
 from sysid.estimation.held_out import HeldOutError, held_out_error
+from sysid.estimation.horizon_fit import HorizonFit, horizon_fit
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error
-from sysid.estimation.prediction_error import Fit
+from sysid.estimation.prediction_error import LARGEST_NOISE, Fit
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
+from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 
@@ -123,7 +125,7 @@ class Explanation:
         # a shared error is known roughly
         limit = settings.unseen_error_factor if self.evidence.widened else math.sqrt(1.0 + settings.remaining_error**2)
         beyond = not self.fitted_error < limit
-        return beyond and not (self.fit.undisturbed and self.fitted_error < settings.largest_noise)
+        return beyond and not (self.fit.undisturbed and self.fitted_error < LARGEST_NOISE)
 
     @property
     def fails_elsewhere(self) -> bool:
@@ -141,6 +143,12 @@ class Explanation:
         over = dependence(self.fit, self.missing)
         depends_on = (*(q for q in over.depends_on if q != "time"), "time") if contacts else over.depends_on
         return Remaining(share, depends_on, over.where, after)
+
+    @cached_property
+    def predicting_best(self) -> Explanation | None:
+        """The same additions with the numbers that predict best (`horizon_fit`), if there are such numbers."""
+        fit = None if isinstance(self.fit, HorizonFit) else horizon_fit(self.fit, self.evidence.settings.ahead)
+        return None if fit is None else Explanation(self.evidence, self.additions, fit)
 
     @cached_property
     def friction_along(self) -> FrictionAlong | None:
@@ -172,10 +180,20 @@ class Explanation:
 
 
 def friction_shown(search: Search, base: Fit, end: Fit, unseen: Sequence[Record]) -> FrictionAlong | None:
-    """Friction and load in the drive's torque along the motion, if they show. The torque is as late as a fit says that
-    has more effects than the model as it came, `base`: a regression takes what comes late for an inertia."""
-    model = base.model
-    for effect in end.model.input_effects:
-        if effect.name not in model.effect_names and effect.rest(model.dt):
-            model = model.with_effect(effect)
-    return friction_along(model, base.names, search.records, unseen, search.sensor)
+    """Friction and load in the drive's torque along the motion, if they show also in the records `unseen`.
+
+    The torque passes through the delays and lags that the fit `end` has beyond those of `base`, the model as it came: a
+    regression takes what comes late for an inertia.
+    """
+    added = [e for e in end.model.input_effects if e.name not in base.model.effect_names]
+    late = reduce(Model.with_effect, (e for e in added if e.rest(base.model.dt)), base.model)  # what remembers is late
+    seen, others = ([delivered(late, r) for r in records] for records in (search.records, unseen))
+    return friction_along(base.model, base.names, seen, others, search.sensor)
+
+
+def delivered(model: Model, record: Record) -> Record:
+    """The record with the commands that a model's input effects pass on, in the mean over each interval."""
+    if not model.input_effects:
+        return record
+    passed = np.mean(model.drive_record(record.commands), axis=-1)
+    return replace(record, u=passed[len(record.previous_commands) :])

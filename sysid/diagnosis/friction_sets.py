@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+
+import numpy as np
 
 from sysid.diagnosis.criteria import excess_of, is_lowered, is_plausible, squared_size
 from sysid.diagnosis.explanation import Explanation
@@ -66,8 +69,9 @@ class FrictionSets:
 
 
 def least_size(explanation: Explanation) -> float:
-    """The least squared size of the common frictions of an explanation; 0 if it has none."""
-    return min((squared_size(explanation.fit, n) for n in explanation.names if n in FRICTIONS), default=0.0)
+    """The least squared size of the common frictions of an explanation; 0 if it has none, or one is not determined."""
+    sizes = [squared_size(explanation.fit, n) for n in explanation.names if n in FRICTIONS]
+    return float(np.min(np.nan_to_num(sizes), initial=math.inf)) if sizes else 0.0
 
 
 def is_as_good(other: Explanation, named: Explanation) -> bool:

@@ -18,20 +18,20 @@ def hidden_friction(bare: Explanation) -> Explanation | None:
     """The explanation by friction, or by friction and an offset, with which a driven motion is predicted best; None if
     nothing remains to be explained, or no such explanation is sure.
 
-    Where a model lacks more than is known, its likeliest numbers imitate that, and may predict worse with a friction
-    that is there. So the numbers are those that predict best, and their sizes have to be sure by a jackknife. Since
-    nothing else speaks for them, they have to lower the held-out error as a rare effect has to (`rare_fall`); each
-    further effect, by what matters.
+    If a model lacks something that no known effect is, its likeliest numbers imitate that, and may predict worse with a
+    friction that is there. So the numbers are those of `horizon_fit`, and their sizes have to be sure by its jackknife.
+    Since nothing else speaks for them, they have to lower the held-out error as a rare effect has to (`rare_fall`); a
+    larger set has to lower it by the `tolerance` again.
     """
     evidence, best = bare.evidence, None
     search, settings = evidence.search, evidence.settings
     if not bare.fit.samples.driven or bare.remaining is None:
         return None
-    plain = horizon_fit(bare.fit, settings.ahead)
-    before = min(bare.error.ratio, evidence.error(plain or bare.fit).ratio)
+    before = min(e.error.ratio for e in (bare, bare.predicting_best) if e is not None)
     visible = [n for n in COMMON if n in search.first and search.first[n].visible]
-    for names in (names for k in range(1, len(visible) + 1) for names in combinations(visible, k)):
-        for trial in () if set(FRICTIONS).isdisjoint(names) else search.trial(bare.fit, names):
+    sets = (names for k in range(1, len(visible) + 1) for names in combinations(visible, k))
+    for names in (names for names in sets if not set(FRICTIONS).isdisjoint(names)):
+        for trial in search.trial(bare.fit, names):
             fit = horizon_fit(settled(trial.fit), settings.ahead)
             if fit is None or not is_plausible(fit, names):
                 continue
@@ -39,6 +39,7 @@ def hidden_friction(bare: Explanation) -> Explanation | None:
             additions = [Addition(n, search.inseparable(n), (), p_value(size, 1)) for n, size in sizes.items()]
             other = Explanation(evidence, tuple(additions), fit)
             least, fall = (before, settings.rare_fall) if best is None else (best.error.ratio, settings.tolerance)
-            if min(sizes.values()) > settings.sure_size and is_lowered(other.error.ratio, least, fall):
+            sure = all(size > settings.sure_size for size in sizes.values())
+            if sure and is_lowered(other.error.ratio, least, fall):
                 best = other
     return best

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from sysid.errors import InvalidInput
 from sysid.estimation.prediction import BLOCKS, HORIZON
-from sysid.estimation.prediction_error import LARGEST_NOISE
 
 SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
 """Shortest and longest horizon [s] that can be asked for."""
@@ -79,8 +78,6 @@ class SearchSettings:
     remaining_error : float
         Error of predictions beyond the noise, as a multiple of the noise, from which something that matters is still
         missing.
-    largest_noise : float
-        Errors of so many times the noise cannot mean that the noise was given too small: something is missing.
     unseen_error_factor : float
         Ratio of the held-out error to that of what was fitted, from which something is missing that shows only in
         held-out data; right models stay below 1.15.
@@ -95,7 +92,7 @@ class SearchSettings:
         of what this quantity predicts.
     decisive_fall : float
         What lowers the held-out error's excess over the noise by this share stays, though more torque is missing with
-        it, or friction along the motion leaves less.
+        it, or friction along the motion leaves less; unless more is missing than the drive has.
     swollen_factor : float
         If a zero grows by this factor when another zero is added, the two make up for each other. A rare effect of
         which a number grows by it when another addition is left out is another effect.
@@ -152,7 +149,6 @@ class SearchSettings:
     close_deviance: float = 3.0
     balance_deviance: float = 10.0
     remaining_error: float = 0.3
-    largest_noise: float = LARGEST_NOISE
     unseen_error_factor: float = 1.25
     rare_from: float = 1.5
     rare_fall: float = 1.0 - math.sqrt(0.5)

@@ -73,7 +73,7 @@ def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
     """The numbers that predict best over windows of some `seconds`, begun at those of a fit.
 
     There are none if nothing is free, if the model explains the log, so that likelihood decides, if it runs away, or if
-    they go with quite another inertia (FARTHEST_INERTIA).
+    the inertia would be another by FARTHEST_INERTIA.
     """
     from scipy.optimize import least_squares
 

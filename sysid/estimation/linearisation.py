@@ -85,7 +85,7 @@ class Samples:
         return int(np.count_nonzero(self.weight))
 
     def reads(self, channel: int) -> bool:
-        """Whether most instants that have a reading have one of this channel, and not a known start alone, say."""
+        """Whether most instants that have a reading have one of this channel; a known start alone is not enough."""
         read = self.weight > 0.0
         return bool(np.mean(read[np.any(read, axis=1), channel]) > 0.5)
 

@@ -200,5 +200,5 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
     step[free] = -np.linalg.solve(N, Z[rows].T @ e[rows]) / size[size > 0.0]
-    least = np.where(fit.prior.positive, 0.5 * p, low)
+    least = np.where(fit.prior.positive, np.maximum(low, 0.5 * p), low)
     return fit.model.with_numbers(fit.names, np.clip(p + step, least, high).tolist())

@@ -169,10 +169,11 @@ class Fit:
 
     @cached_property
     def undisturbed(self) -> bool:
-        """Whether the log needs no disturbance: without any, the deviance is larger by less than NUMBERS_GAIN, and the
-        errors are below LARGEST_NOISE.
+        """Whether the log needs no disturbance: without any, the errors are below LARGEST_NOISE, and the deviance is
+        larger by less than NUMBERS_GAIN.
 
-        For both, the sensor's noise is scaled up to the errors: a noise given too small asks for no disturbance.
+        For both deviances the sensor's noise is scaled up to the errors: a noise given too small asks for no
+        disturbance.
         """
         none = replace(self.disturbances, s=0.0, sigma_o=0.0, sigma_f=0.0)
         without, read = self.linearised.system.filter(none), self.samples.weight > 0.0

@@ -273,8 +273,8 @@ def shown_extent(samples: Samples, model: Model) -> Extent:
 
 
 def _shared_sd(samples: Samples) -> float:
-    """The sd of the readings whose neighbours may share an error; 0 if at most half of the instants have one, such as a
-    known start alone."""
+    """The sd of the readings whose neighbours may share an error; 0 if at most half of the instants with a reading
+    have one, such as a known start alone."""
     return float(1.0 / np.max(samples.weight[:, samples.shared])) if samples.reads(samples.shared) else 0.0
 
 

@@ -58,15 +58,6 @@ class IntegratedMotion(NamedTuple):
     slow: float
 
 
-def _drive(model: Model, record: Record) -> Array:
-    """What the model's drive makes of the commands (N,) of a record, on average over each interval."""
-    if not model.input_effects:
-        return record.u
-    before = record.previous_commands
-    drive: Array = np.mean(model.drive_record(np.concatenate([before, record.u])), axis=-1)
-    return drive[len(before) :]
-
-
 def telling_motion(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
     """The integrated equation of motion over T = 0.2 s, or if its terms explain little, over the shorter T that shows
     1/J best."""
@@ -111,7 +102,7 @@ def integrated_motion(
         place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
         columns = (
             weight_along(model, place) if model.plant.turns else place,  # a linear axis may hang on a spring
-            model.torque(place, middle, _drive(model, part)),
+            model.torque(place, middle, part.u),
             -middle,
             -np.sign(middle),
             np.ones(len(part)),

@@ -44,6 +44,9 @@ class Named(tuple[str, ...]):
     model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True, contains=()),))
 
 
+HIDDEN = Addition("coulomb", (), (), 0.0)
+
+
 class Told(Explanation):
     """An explanation of a script: its error is given, and something remains."""
 
@@ -114,9 +117,6 @@ class Scripted(Confirmation):
     def _swells(self, *_: Any) -> bool:
         return False
 
-    def _find_hidden_friction(self) -> None:
-        """A script has no predictions."""
-
     def _take_numbers_that_predict_best(self) -> None:
         """A script has no numbers."""
 
@@ -131,6 +131,7 @@ class Scripted(Confirmation):
 def scripted() -> Iterator[pytest.MonkeyPatch]:
     """Each addition is something, is determined and is plausible, where the test says nothing else."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirmation, "hidden_friction", lambda _: None)
         patch.setattr(confirmation, "is_nothing", lambda *_: False)
         patch.setattr(confirmation, "is_undetermined", lambda *_: False)
         patch.setattr(confirmation, "is_plausible", lambda *_: True)
@@ -189,6 +190,20 @@ def test_what_halves_the_held_out_error_stays_though_friction_along_the_motion_l
         patch.setattr(Told, "leaves_more_than", lambda *_: True)
         found = Scripted(fewer, frozenset())
     assert (found.now.names, found.friction) == ((("coulomb",), None) if stays else ((), along))
+
+
+@pytest.mark.parametrize(("factor", "missing", "stays"), [(0.6, 1.0, True), (0.6, 2.0, False), (0.3, 2.0, True)])
+def test_hidden_friction_is_named_unless_it_imitates_something_unknown(
+    factor: float, missing: float, stays: bool
+) -> None:
+    """More torque is missing with what imitates, and the error does not halve."""
+    errors = {own: 10.0 for own in SUBSETS} | {("coulomb",): 10.0 * factor}
+    with scripted() as patch:
+        patch.setattr(Told, "torque", property(lambda own: _torque(missing if own.names else 1.0)))
+        patch.setattr(confirmation, "hidden_friction", lambda bare: Told(bare.evidence, (HIDDEN,), cast(Any, Named())))
+        found = Scripted(errors, frozenset(), stages=())
+    assert found.now.names == (("coulomb",) if stays else ())
+    assert (("coulomb",) in found.weighed) is stays
 
 
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:

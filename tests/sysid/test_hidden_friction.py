@@ -68,5 +68,6 @@ def test_what_is_unknown_or_late_is_no_friction(hidden: tuple[Effect, ...], seed
     assert hidden_friction(own) is None
 
 
-def test_no_friction_hides_in_a_motion_that_the_model_explains() -> None:
-    assert hidden_friction(bare(sag=0.0)) is None
+def test_nothing_hides_in_a_motion_that_the_model_explains() -> None:
+    own = bare(sag=0.0)
+    assert own.remaining is None and hidden_friction(own) is None

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -452,24 +452,43 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
 
 def stepped(seconds: float, at: Sequence[float], channel: str) -> Record:
     """A joint that moves for half a second after each of some instants, and rests the remaining time."""
-    t = 0.02 * np.arange(round(seconds / 0.02) + 1)
+    rng, t = np.random.default_rng(0), 0.02 * np.arange(round(seconds / 0.02) + 1)
     theta = np.sum([2.0 * np.clip((t - begin) / 0.5, 0.0, 1.0) for begin in at], axis=0)
-    read = {"theta": theta} if channel == "theta" else {"theta_dot": np.gradient(theta, 0.02)}
+    angles, speeds = theta + 5e-3 * rng.standard_normal(len(t)), np.gradient(theta, 0.02)
+    read = {"theta": angles} if channel == "theta" else {"theta_dot": speeds + 0.1 * rng.standard_normal(len(t))}
     return Record(t=t, u=np.zeros(len(t) - 1), **read)
+
+
+def motion(records: Iterable[Record], at: Sequence[float]) -> float:
+    """The seconds in which a joint moves that does so for half a second after each of some instants."""
+    return sum(max(min(r.t[-1], begin + 0.5) - max(r.t[0], begin), 0.0) for r in records for begin in at)
 
 
 @pytest.mark.parametrize("channel", ["theta", "theta_dot"])
 @pytest.mark.parametrize("at", [(1.5,), (1.5, 5.0), (3.2, 3.9), (0.2, 6.2), (1.0, 3.3, 5.7)])
 def test_neither_side_of_a_split_is_all_at_rest(at, channel):
     """In its middle a stretch may hold all of the motion, or none."""
-    fitted, held_out = (sum(motion(r, at) for r in side) for side in split([stepped(7.0, at, channel)]))
+    fitted, held_out = (motion(side, at) for side in split([stepped(7.0, at, channel)]))
     assert fitted + held_out == pytest.approx(0.5 * len(at))
     assert 0.03 < held_out / (fitted + held_out) < 0.65
 
 
-def motion(record: Record, at: Sequence[float]) -> float:
-    """The seconds of a record in which the joint moves."""
-    return sum(max(min(record.t[-1], begin + 0.5) - max(record.t[0], begin), 0.0) for begin in at)
+def test_of_two_rollouts_with_a_step_in_the_middle_one_is_fitted():
+    records = [stepped(3.5, [1.5], "theta"), replace(stepped(3.5, [1.5], "theta"), name="other")]
+    fitted, held_out = (motion(side, [1.5]) for side in split(records))
+    assert min(fitted, held_out) > 0.3
+
+
+def test_the_sample_of_a_log_holds_its_motion():
+    """It is what is searched: all of the motion may be in it."""
+    for at in ([10.0, 10.6], [3.0]):
+        assert motion(sample_of([stepped(30.0, at, "theta")], 500), at) > 0.1
+
+
+def test_a_log_without_readings_is_refused_with_its_reason():
+    t = 0.02 * np.arange(500)
+    with pytest.raises(InvalidInput, match="reading"):
+        split([Record(t=t, u=np.zeros(499), theta=np.zeros(1), theta_dot=None)])
 
 
 @pytest.mark.parametrize("n", [1, 3, 4, 12])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from sysid import (
     effect,
     simulate,
 )
+from sysid.diagnosis.explanation import friction_shown
 from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression, telling_motion
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
@@ -65,11 +68,13 @@ def test_a_drive_that_is_late_is_no_inertia() -> None:
     run = simulate(truth, np.repeat(rng.uniform(-20.0, 20.0, 100), 10), 0.0, 0.0)
     record = Record(t=run.t, u=run.u, theta_dot=run.theta_dot + 0.2 * rng.standard_normal(len(run.t)))
     first, last, sensor = record.head(750), record.part(750, len(record), "last"), Sensor(theta_dot=0.2)
-    plain = truth.without_effect("viscous")
-    on_time, late = (friction_along(m, ("J",), [first], [last], sensor) for m in (plain.without_effect("delay"), plain))
-    assert on_time is not None and late is not None
+    late = truth.without_effect("viscous")
+    fits: Any = [SimpleNamespace(model=m, names=("J",)) for m in (late.without_effect("delay"), late)]
+    search: Any = SimpleNamespace(records=[first], sensor=sensor)
+    on_time, delayed = (friction_shown(search, fits[0], end, [last]) for end in fits)
+    assert on_time is not None and delayed is not None
     assert on_time.contradicts(0.02, 2.0) and on_time.inertia[0] > 0.06
-    assert late.inertia[0] == pytest.approx(0.02, abs=0.01) and late.viscous[0] == pytest.approx(1.0, rel=0.02)
+    assert delayed.inertia[0] == pytest.approx(0.02, abs=0.01) and delayed.viscous[0] == pytest.approx(1.0, rel=0.02)
 
 
 def led_along_a_sine(frequency: float, seed: int = 0, seconds: float = 10.0) -> Record:
