@@ -177,8 +177,9 @@ class Fit:
         """
         none = replace(self.disturbances, s=0.0, sigma_o=0.0, sigma_f=0.0)
         without, read = self.linearised.system.filter(none), self.samples.weight > 0.0
-        if float(np.sqrt(np.mean(np.square(without.innovations[read])))) > LARGEST_NOISE:
-            return False
+        with np.errstate(over="ignore"):  # of a model that runs away
+            if float(np.sqrt(np.mean(without.innovations[read] ** 2))) > LARGEST_NOISE:
+                return False
         bare, here = (_whatever_the_noise(f, read) for f in (without, self.filter))
         return bare - here < NUMBERS_GAIN
 
