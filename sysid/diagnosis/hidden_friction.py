@@ -16,7 +16,7 @@ from sysid.estimation.refits import settled
 
 def hidden_friction(bare: Explanation) -> Explanation | None:
     """The explanation by friction, or by friction and an offset, with which a driven motion is predicted best; None if
-    nothing remains to be explained, or no such explanation is sure.
+    no more than the noise remains in fitted or in held-out data, or if no such explanation is sure.
 
     If a model lacks something that no known effect is, its likeliest numbers imitate that, and may predict worse with a
     friction that is there. So the numbers are those of `horizon_fit`, and their sizes have to be sure by its jackknife.
@@ -25,9 +25,11 @@ def hidden_friction(bare: Explanation) -> Explanation | None:
     """
     evidence, best = bare.evidence, None
     search, settings = evidence.search, evidence.settings
-    if not bare.fit.samples.driven or bare.remaining is None:
+    if not (bare.fit.samples.driven and bare.remains):
         return None
     before = min(e.error.ratio for e in (bare, bare.predicting_best) if e is not None)
+    if not before**2 > 1.0 + settings.remaining_error**2:
+        return None
     visible = [n for n in COMMON if n in search.first and search.first[n].visible]
     sets = (names for k in range(1, len(visible) + 1) for names in combinations(visible, k))
     for names in (names for names in sets if not set(FRICTIONS).isdisjoint(names)):

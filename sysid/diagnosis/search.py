@@ -38,6 +38,9 @@ from sysid.physics.model import Model
 
 logger = logging.getLogger(__name__)
 
+LEAST_SHARE = 0.5
+"""Least share of an inertia that is left without a block: that the block alone shows it says nothing of a candidate."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -395,7 +398,8 @@ class Search:
     def left_out(self, fit: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; they are kept for a round, which needs them several times."""
         if (fit, lead) not in self.left:
-            self.left[fit, lead] = left_out_errors(fit, self.settings.ahead, self.settings.blocks, lead)
+            settings = self.settings
+            self.left[fit, lead] = left_out_errors(fit, settings.ahead, settings.blocks, lead, LEAST_SHARE)
         return self.left[fit, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:

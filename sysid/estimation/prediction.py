@@ -104,13 +104,15 @@ def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...
     return cut(fit.samples.records, seconds, max(lead, lead_of(fit.model)))
 
 
-def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
+def left_out_errors(
+    fit: Fit, seconds: float, blocks: int, lead: float = 0.0, least_share: float = 0.0
+) -> PredictionErrors:
     """Cross-validated errors: each block of windows is predicted with parameters from the other blocks alone.
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
 
-    This is one Gauss-Newton step away from block b, in which no number that may not be 0 is more than halved: an
-    inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since a few
+    This is one Gauss-Newton step away from block b, in which no number that may not be 0 falls below a `least_share` of
+    itself: an inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since few
     would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
     """
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
@@ -122,7 +124,7 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     errors = []
     for group in groups:
         block = [windows[i] for i in group]
-        errors.append(_squares(refit_windows(_without(fit, block), records, sensor, block, near)))
+        errors.append(_squares(refit_windows(_without(fit, block, least_share), records, sensor, block, near)))
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 
 
@@ -179,7 +181,7 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
     return squares, np.sum(refitted.scored - refitted.leverage, axis=1).reshape(K)
 
 
-def _without(fit: Fit, windows: list[Window]) -> Model:
+def _without(fit: Fit, windows: list[Window], least_share: float = 0.0) -> Model:
     """The model with the parameters that fit all but these windows (see `left_out_errors`)."""
     samples, p = fit.samples, fit.values
     if not len(p):
@@ -195,10 +197,11 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     size = np.linalg.norm(Z, axis=0)
     free[free] = size > 0.0
     Z = Z[:, size > 0.0] / size[size > 0.0]
-    B = fit.balance_rows[0][:, free] / size[size > 0.0]
+    B, balance = fit.balance_rows
+    B = B[:, free] / size[size > 0.0]
     rest = np.concatenate([Z[~rows], B])
     step = np.zeros(len(p))
     N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
-    step[free] = -np.linalg.solve(N, Z[rows].T @ e[rows]) / size[size > 0.0]
-    least = np.where(fit.prior.positive, np.maximum(low, 0.5 * p), low)
+    step[free] = np.linalg.solve(N, rest.T @ np.concatenate([e[~rows], balance])) / size[size > 0.0]
+    least = np.where(fit.prior.positive, np.maximum(low, least_share * p), low)
     return fit.model.with_numbers(fit.names, np.clip(p + step, least, high).tolist())
