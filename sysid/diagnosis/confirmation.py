@@ -369,14 +369,12 @@ class Confirmation:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has; or too much beside what friction and load leave (`leaves_more_than`), unless they
-        lower the held-out error by a `decisive_fall`.
+        missing than the drive has, or too much beside what friction and load leave (`leaves_more_than`).
         """
         now, along = self.now, self.now.friction_along
         if along is None or now.remaining is None:
             return
-        decisive = is_lowered(now.error.ratio, self.bare.error.ratio, self.settings.decisive_fall)
-        if now.torque.overwhelms or (now.leaves_more_than(along) and not decisive):
+        if now.torque.overwhelms or now.leaves_more_than(along):
             self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []
 
     def _take_numbers_that_predict_best(self) -> None:

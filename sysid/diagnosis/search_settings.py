@@ -91,8 +91,8 @@ class SearchSettings:
         quantity, too: it could be a part of something unknown. If what remains depends on others as well, the share is
         of what this quantity predicts.
     decisive_fall : float
-        What lowers the held-out error's excess over the noise by this share stays, though more torque is missing with
-        it, or friction along the motion leaves less; unless more is missing than the drive has.
+        An addition with which more torque is missing stays if it lowers the held-out error's excess over the noise by
+        this share.
     swollen_factor : float
         If a zero grows by this factor when another zero is added, the two make up for each other. A rare effect of
         which a number grows by it when another addition is left out is another effect.

@@ -178,20 +178,6 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
     assert found.now.names == (("coulomb",) if stays else ())
 
 
-@pytest.mark.parametrize(("factor", "stays"), [(0.3, True), (0.8, False)])
-def test_what_halves_the_held_out_error_stays_though_friction_along_the_motion_leaves_less(
-    factor: float, stays: bool
-) -> None:
-    fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
-    along: Any = object()
-    with scripted() as patch:
-        patch.setattr(Told, "friction_along", along)
-        patch.setattr(Told, "remaining", object())
-        patch.setattr(Told, "leaves_more_than", lambda *_: True)
-        found = Scripted(fewer, frozenset())
-    assert (found.now.names, found.friction) == ((("coulomb",), None) if stays else ((), along))
-
-
 @pytest.mark.parametrize(("factor", "missing", "stays"), [(0.6, 1.0, True), (0.6, 2.0, False), (0.3, 2.0, True)])
 def test_hidden_friction_is_named_unless_it_imitates_something_unknown(
     factor: float, missing: float, stays: bool
@@ -427,7 +413,7 @@ def test_friction_along_the_motion_is_told_alone_where_a_model_misses_more_than_
         patch.setattr(Scripted, "_compare_frictions", lambda own: own.as_likely.append(own.bare))
         patch.setattr(Told, "torque", _torque(1.0, drive))
         patch.setattr(Told, "remaining", Remaining(0.5, (), ""))
-        found = Scripted({own: 4.0 - 0.5 * len(own) for own in SUBSETS}, frozenset())
+        found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
     assert found.friction is (friction if said else None)
     assert found.now.names == (() if said else NAMES)
     assert not found.unconfirmed and bool(found.as_likely) is not said
