@@ -135,7 +135,8 @@ def _stretches(
         together = np.concatenate(inside)
         cut = bool(np.any(together) and not np.all(together))
         share = float(np.mean(together[moves])) if np.any(moves) else LEAST_MOTION
-        fault = max(share - most, LEAST_MOTION - share, 0.0) + (share in (0.0, 1.0))
+        one_side_rests = share == 0.0 or share == 1.0 > most
+        fault = max(share - most, LEAST_MOTION - share, 0.0) + one_side_rests
         if not best or (cut and fault < least):
             best, least = inside, fault
         if not cut or least == 0.0:

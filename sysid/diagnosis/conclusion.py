@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -28,9 +29,10 @@ FELL = 5e-3
 """A fall of the held-out error by less than this share is reported together with that of the next step."""
 
 
-def conclusion(confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...]) -> Diagnosis:
-    """The answer that a confirmation leads to; `notes` are those of reading the records."""
-    return _Conclusion(confirmed, records, notes).diagnosis()
+def conclusion(confirmed: Confirmation, records: tuple[Record, ...], notes: tuple[str, ...], began: float) -> Diagnosis:
+    """The answer that a confirmation leads to; `notes` are those of reading the records, and `began` is the clock [s]
+    when the question was asked."""
+    return _Conclusion(confirmed, records, notes).diagnosis(began)
 
 
 class _Conclusion:
@@ -41,7 +43,7 @@ class _Conclusion:
         self.search, self.base = self.evidence.search, self.evidence.base
         self.records, self.notes = records, notes
 
-    def diagnosis(self) -> Diagnosis:
+    def diagnosis(self, began: float) -> Diagnosis:
         """The answer."""
         now, bare = self.confirmed.now, self.confirmed.explanation(())
         end, steps = now.fit, self._steps(now.fit)
@@ -72,7 +74,7 @@ class _Conclusion:
             estimate=end.estimate(),
             contacts=self.evidence.contacts,
             next_experiment=self._experiment(machine, end),
-            seconds=0.0,
+            seconds=time.perf_counter() - began,
             torque=now.torque,
             negligible=tuple(n for n in self.search.negligible if n not in named),
             unconfirmed=tuple(self.confirmed.unconfirmed),

@@ -355,15 +355,12 @@ class Confirmation:
         found = None if self.additions else hidden_friction(self.bare)
         if found is None:
             return
-        likeliest, self.now = self.weighed.get(found.names), found
-        self.weighed[found.names] = found
+        self.now = found
         if self._imitation() is None:
+            self.weighed[found.names] = found
             self.unconfirmed = [name for name in self.unconfirmed if name not in found.names]
-            return
-        self.now = self.bare
-        del self.weighed[found.names]
-        if likeliest is not None:
-            self.weighed[found.names] = likeliest
+        else:
+            self.now = self.bare
 
     def _weigh_friction(self) -> None:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.

@@ -123,7 +123,7 @@ def diagnose(
     widened = widened_sensor(end, settings.ahead)
     held_out, more = _untouched(end, held_out, widened, settings.ahead)
     confirmed = Confirmation(Evidence(search, base, held_out, (*contacts, *more), widened))
-    return replace(conclusion(confirmed, records, notes), seconds=time.perf_counter() - began)
+    return conclusion(confirmed, records, notes, began)
 
 
 def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:

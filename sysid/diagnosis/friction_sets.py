@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -70,8 +69,8 @@ class FrictionSets:
 
 def least_size(explanation: Explanation) -> float:
     """The least squared size of the common frictions of an explanation; 0 if it has none, or one is not determined."""
-    sizes = [squared_size(explanation.fit, n) for n in explanation.names if n in FRICTIONS]
-    return float(np.min(np.nan_to_num(sizes), initial=math.inf)) if sizes else 0.0
+    sizes = (squared_size(explanation.fit, n) for n in explanation.names if n in FRICTIONS)
+    return float(min(map(np.nan_to_num, sizes), default=0.0))
 
 
 def is_as_good(other: Explanation, named: Explanation) -> bool:

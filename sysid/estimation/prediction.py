@@ -112,8 +112,9 @@ def left_out_errors(
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e;  N_b and g_b are the parts of block b
 
     This is one Gauss-Newton step away from block b, in which no number that may not be 0 falls below a `least_share` of
-    itself: an inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since few
-    would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both (`lead_of`).
+    itself: an inertia that hardly shows would be none. The windows of a short log are shorter than `seconds`, since a
+    few would prove nothing. Two models are compared over the same windows, with the longer `lead` [s] of both
+    (`lead_of`).
     """
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
     windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST_PREDICTION, seconds)), lead)
