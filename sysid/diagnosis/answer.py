@@ -157,8 +157,8 @@ class Diagnosis:
     verdict : str
         - "adequate": nothing that matters was missing.
         - "missing": the steps explain all that matters.
-        - "partly": the steps are sure, but something that matters remains; or no effect pays, but `friction` explains
-          the drive's torque.
+        - "partly": the steps are sure, but something that matters remains; or, beside delays at most, `friction`
+          explains the drive's torque.
         - "unknown": something that matters is missing, and no known effect pays.
         - "cannot tell": this log cannot say which effect it is that lowers the error most.
     base : Estimate
@@ -322,18 +322,19 @@ class Diagnosis:
         names += "".join(f", {a.in_words}" for a in self.alternatives)
         left = [] if self.remaining is None else [self._left(self.remaining)]
         share = self._share()
+        several = len(self.steps) > 1 or self.alternatives
+        explains = share and f"{',' * bool(self.alternatives)} explain{'' if several else 's'} {share}"
         if self.verdict == "adequate":
             parts = ["the model lacks nothing that matters in this log", self._predicted()]
         elif self.friction is not None:
-            parts = [self._friction_alone(self.friction), self._predicted()]
+            added = [f"{names}{explains}"] if self.steps else []
+            parts = [*added, self._friction_alone(self.friction), self._predicted()]
         elif self.verdict == "unknown":
             parts = ["no known effect pays", self._predicted(), *left]
         elif self.verdict == "cannot tell":
             classes = "; ".join(" or ".join(s.indistinguishable) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
         else:
-            several = len(self.steps) > 1 or self.alternatives
-            explains = share and f"{',' * bool(self.alternatives)} explain{'' if several else 's'} {share}"
             none_left = "" if left else ", and nothing else that matters is left"
             parts = [f"{names}{explains}", f"{self._predicted()}{none_left}", *left]
         return f"{'; '.join(parts)}."

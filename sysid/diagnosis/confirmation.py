@@ -15,7 +15,7 @@ from sysid.diagnosis.criteria import (
     shows_in_balance,
     squared_size,
 )
-from sysid.diagnosis.explanation import Evidence, Explanation
+from sysid.diagnosis.explanation import Evidence, Explanation, late_effects
 from sysid.diagnosis.friction_sets import FrictionSets, is_as_good, least_size
 from sysid.diagnosis.hidden_friction import hidden_friction
 from sysid.diagnosis.search import Addition, Search, all_but, contained_in
@@ -366,13 +366,19 @@ class Confirmation:
         """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
 
         That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has, or too much beside what friction and load leave (`leaves_more_than`).
+        missing than the drive has, or too much beside what friction and load leave (`leaves_more_than`). Delays and
+        lags of the drive stay if friction and load explain more with them, and predictions are no worse.
         """
         now, along = self.now, self.now.friction_along
         if along is None or now.remaining is None:
             return
         if now.torque.overwhelms or now.leaves_more_than(along):
-            self.friction, self.now, self.unconfirmed, self.as_likely = along, self.bare, [], []
+            names = {effect.name for effect in late_effects(self.evidence.base, now.fit)}
+            late = self.explanation([a for a in self.additions if a.name in names])
+            punctual = self.bare.friction_along
+            stay = punctual is None or along.share > punctual.share
+            self.now = late if stay and not self._raises_error(late, self.bare) else self.bare
+            self.friction, self.unconfirmed, self.as_likely = along, [], []
 
     def _take_numbers_that_predict_best(self) -> None:
         """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters."""

@@ -25,6 +25,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import LARGEST_NOISE, Fit
 from sysid.estimation.torque_regression import FrictionAlong, friction_along
+from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -182,13 +183,17 @@ class Explanation:
 def friction_shown(search: Search, base: Fit, end: Fit, unseen: Sequence[Record]) -> FrictionAlong | None:
     """Friction and load in the drive's torque along the motion, if they show also in the records `unseen`.
 
-    The torque passes through the delays and lags that the fit `end` has beyond those of `base`, the model as it came: a
-    regression takes what comes late for an inertia.
+    The torque passes through the `late_effects` of the fit `end`: a regression takes what comes late for an inertia.
     """
-    added = [e for e in end.model.input_effects if e.name not in base.model.effect_names]
-    late = reduce(Model.with_effect, (e for e in added if e.rest(base.model.dt)), base.model)  # what remembers is late
+    late = reduce(Model.with_effect, late_effects(base, end), base.model)
     seen, others = ([delivered(late, r) for r in records] for records in (search.records, unseen))
     return friction_along(base.model, base.names, seen, others, search.sensor)
+
+
+def late_effects(base: Fit, end: Fit) -> list[Effect]:
+    """The delays and lags of the drive that a fit has beyond those of the model as it came."""
+    added = (e for e in end.model.input_effects if e.name not in base.model.effect_names)
+    return [e for e in added if e.rest(base.model.dt)]  # what remembers is late
 
 
 def delivered(model: Model, record: Record) -> Record:

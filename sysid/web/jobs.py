@@ -76,7 +76,8 @@ class Jobs(SessionProcesses):
     def begin(self, session: Session, node: int, *more: str) -> None:
         """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
         with self.lock:
-            self.cancel(session)
+            if (job := self.end(session)) and job.node != node:
+                _take_back(session, job.node)
             folder = session.of(node)
             for name in (Answer.ERROR, Answer.PROGRESS):
                 (folder / name).unlink(missing_ok=True)
@@ -85,10 +86,11 @@ class Jobs(SessionProcesses):
             self.start(session, node, command, folder / "work.log")
 
     def cancel(self, session: Session) -> None:
-        """End what is under way; a model that was not fitted yet is taken back."""
+        """End what is under way; an addition of which the page does not know all is taken back."""
         with self.lock:
             if job := self.end(session):
-                _take_back(session, job.node)
+                first = session.state.nodes[job.node].parent is None
+                _take_back(session, job.node, Answer.MODEL if first else Answer.EFFECTS)
 
     def message(self, session: Session) -> str:
         """Why the last work ended without an answer, once; "" where it did not. Such a model is taken back."""
@@ -126,8 +128,9 @@ class Trainings(SessionProcesses):
         self.start(session, node, command, folder / Answer.TRAINING)
 
 
-def _take_back(session: Session, node: int) -> None:
-    if node == len(session.state.nodes) - 1 and not session.has(node, Answer.MODEL):
+def _take_back(session: Session, node: int, wanted: Answer = Answer.MODEL) -> None:
+    """Take back the newest model if that is the one and it has no such answer."""
+    if node == len(session.state.nodes) - 1 and not session.has(node, wanted):
         session.drop_last_node()
 
 

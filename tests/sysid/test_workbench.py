@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -110,6 +111,22 @@ def test_a_cancelled_refit_is_taken_back(walked: tuple[Workbench, Session]) -> N
     assert bench.jobs.running(session) is None
     assert len(session.state.nodes) == 2
     assert session.state.at == 0
+
+
+@pytest.mark.long
+def test_an_addition_that_is_cancelled_before_its_effects_are_known_is_taken_back(
+    walked: tuple[Workbench, Session],
+) -> None:
+    bench, session = walked
+    session.change(at=0)
+    bench.add(session, "viscous")
+    while not session.has(2, Answer.MODEL):
+        assert bench.jobs.running(session) == 2
+        time.sleep(0.02)
+    bench.do(session, {"do": "cancel"}, {})
+    assert len(session.state.nodes) == 2
+    assert session.state.at == 0
+    assert bench.part("effects", session).className == ""
 
 
 @pytest.mark.long
