@@ -363,22 +363,18 @@ class Confirmation:
             self.now = self.bare
 
     def _weigh_friction(self) -> None:
-        """Answer with friction along the motion, and no effect, if the motion does not follow from the torque.
-
-        That is so if friction and load explain nearly all of the drive's torque, while the additions leave more torque
-        missing than the drive has, or too much beside what friction and load leave (`leaves_more_than`). Delays and
-        lags of the drive stay if friction and load explain more with them, and predictions are no worse.
-        """
+        """Answer with friction along the motion, and no effect, if the motion does not follow from the torque
+        (`Explanation.is_led`). Delays and lags of the drive stay if friction and load explain more with them, and
+        predictions are no worse."""
         now, along = self.now, self.now.friction_along
-        if along is None or now.remaining is None:
+        if along is None or now.remaining is None or not now.is_led:
             return
-        if now.torque.overwhelms or now.leaves_more_than(along):
-            names = {effect.name for effect in late_effects(self.evidence.base, now.fit)}
-            late = self.explanation([a for a in self.additions if a.name in names])
-            punctual = self.bare.friction_along
-            stay = punctual is None or along.share > punctual.share
-            self.now = late if stay and not self._raises_error(late, self.bare) else self.bare
-            self.friction, self.unconfirmed, self.as_likely = along, [], []
+        names = {effect.name for effect in late_effects(self.evidence.base, now.fit)}
+        late = self.explanation([a for a in self.additions if a.name in names])
+        punctual = self.bare.friction_along
+        stay = punctual is None or along.share > punctual.share
+        self.now = late if stay and not self._raises_error(late, self.bare) else self.bare
+        self.friction, self.unconfirmed, self.as_likely = along, [], []
 
     def _take_numbers_that_predict_best(self) -> None:
         """Tell the numbers that predict best over the horizon, if they lower the held-out error by what matters."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,11 @@ LEAST_ENERGY_AGAIN = 0.4
 """LEAST_ENERGY in a log of which contacts are left out already: lighter pushes show then."""
 SLIGHT = 0.05
 """Least peak of a contact, as a share of the largest torque that the log shows."""
+LEAST_WORK = 0.2
+"""Least work of a hand on a free swing, as a share of the largest kinetic energy within WORK_TIME: readings that wobble
+or jump look like pushes to and fro."""
+WORK_TIME = 1.0
+"""Seconds before and after a stretch."""
 HELD_SPEED = 0.02
 """Share of the RMS speed below which friction holds a joint; one that a hand holds still moves a little."""
 LARGEST_COMMAND = 5.0
@@ -79,13 +84,15 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     A model that misses something everywhere leaves extremes, too, though nobody touched the machine. The extremes
     therefore have to hold most of the missing torque's energy, in a small part of the time; less of it is enough if
     contacts were left out already (`again`). They must not come with the largest commands or with steps of the command.
-    Nothing counts that is below `least` [N m], slight beside the torques of the log, or friction of a standing joint.
+    Nothing counts that is below `least` [N m], slight beside the torques of the log, friction of a standing joint, or
+    hardly changes the energy of a free swing.
     """
     samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_OBSERVED:
         return ()
     known = np.where(samples.follows, torque, np.nan)
     contacts = [c for c in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, c))]
+    contacts = [c for c in contacts if samples.driven or _works(fit, known, c)]
     inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, c) for c in contacts)], axis=0)
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
@@ -109,6 +116,14 @@ def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     theta_dot, drive = fit.motion.x[:, 1], np.mean(fit.linearised.drive_torques, axis=1)
     held = (np.abs(theta_dot) < slow_speed([theta_dot], HELD_SPEED)) & (torque * drive < 0.0)
     return float(np.mean(held[inside])) > 0.5
+
+
+def _works(fit: Fit, torque: Array, contact: Contact) -> bool:
+    """Whether a torque does work in a stretch, by LEAST_WORK of the kinetic energy near it."""
+    samples, theta_dot = fit.samples, fit.motion.x[:, 1]
+    near = replace(contact, t_begin=contact.t_begin - WORK_TIME, t_end=contact.t_end + WORK_TIME)
+    inside, energy = _within(samples, contact), 0.5 * fit.inertia * np.max(theta_dot[_within(samples, near)] ** 2)
+    return bool(abs(np.nansum((torque * theta_dot)[inside])) * samples.dt > LEAST_WORK * energy)
 
 
 def _commanded(fit: Fit, torque: Array, contacts: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:

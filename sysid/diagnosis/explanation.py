@@ -162,6 +162,14 @@ class Explanation:
         share = 1.0 if alone else dependence(self.fit, self.missing).shares.get(quantity, 0.0)
         return share * float(np.nanmean(self.missing**2))
 
+    @property
+    def is_led(self) -> bool:
+        """Whether the motion does not follow from the torque: friction and load along the motion explain nearly all of
+        the drive's torque, while the additions leave more torque missing than the drive has, or too much beside what
+        friction and load leave (`leaves_more_than`)."""
+        along = self.friction_along
+        return along is not None and (self.torque.overwhelms or self.leaves_more_than(along))
+
     def leaves_more_than(self, along: FrictionAlong) -> bool:
         """Whether the additions leave more torque missing than friction along the motion does.
 

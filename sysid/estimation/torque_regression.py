@@ -215,6 +215,8 @@ def friction_along(
     unseen_motion = integrated_motion(model, names, unseen, sensor, slow=slow)
     one_way = _is_one_way(motion)
     columns, torque = _of_the_torque(model, motion, motion, one_way)
+    if regression(motion.columns[:, 3:], torque).share > 1.0 - math.sqrt(ROUNDING):
+        return None  # a command of one size in each direction moves the joint, and tells no friction
     result = regression(columns, torque)
     one_speed = _is_at_one_speed(motion) or not _shows_friction(result)
     drives = result.value[1] < 0.0 and not one_way  # no dry friction does; a sum with a load may

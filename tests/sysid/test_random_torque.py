@@ -272,6 +272,17 @@ def test_a_push_is_found_in_the_last_of_several_pieces_of_one_record() -> None:
     assert contact.name == "swing" and contact.t_begin == pytest.approx(alone.t_begin + 20.0)
 
 
+def test_what_only_shakes_a_free_swing_is_no_push() -> None:
+    """To and fro it does no work, as readings that wobble; somebody who pushes does."""
+    fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 1.2)))
+    fit.samples.records = [replace(r, u=0.0 * r.u) for r in fit.samples.records]
+    assert not fit.samples.driven
+    (push,) = find_contacts(fit, torque)
+    inside = (fit.samples.number == 1) & (fit.samples.t > push.t_begin) & (fit.samples.t < push.t_end)
+    to_and_fro = np.where(inside, torque * np.sign(np.sin(8.0 * np.pi * fit.samples.t)), torque)
+    assert find_contacts(fit, to_and_fro) == ()
+
+
 def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:
     fit, torque = missing(logs(JOINT, 2, 700, 0.0, 0.1, push=(1, 0.02)))
     assert 0.008 < np.nanmax(torque) < 0.02, "it is seen"

@@ -302,6 +302,15 @@ def test_a_constant_voltage_explains_nothing_by_itself(k_e: float) -> None:
     assert friction_along(model, names, [first], [last], Sensor(theta=1e-4)) is None
 
 
+def test_a_command_of_one_size_in_each_direction_tells_no_friction() -> None:
+    """It is the direction's sign to the last digit, whatever brakes the joint."""
+    joint = Model(GeneralJoint(J=0.2, G=0.0), (effect("viscous", b=0.1),), dt=DT)
+    u = np.outer([0.5, -0.5], np.ones(round(8.0 / DT)))
+    runs = simulate(joint, u, np.zeros(2), np.zeros(2))
+    seen, unseen = (Sensor(theta=1e-4).measure(runs, np.random.default_rng(seed)) for seed in range(2))
+    assert friction_along(Model(joint.plant, dt=DT), ("J",), seen, unseen, Sensor(theta=1e-4)) is None
+
+
 def test_a_log_that_is_too_short_for_one_span_shows_none() -> None:
     short, long = followed(0.002, B, TAU_C, 0.03).head(20), followed(0.002, B, TAU_C, 0.03)
     for plant in (LinearAxis(), GeneralJoint()):
