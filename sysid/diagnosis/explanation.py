@@ -175,17 +175,18 @@ class Explanation:
 
         If an inertia shows in the torque, that has to be more by `farther_factor`, and predictions have to err beyond
         the noise. And the additions have to be wrong: there are none, or they lack the dry friction that shows, or the
-        inertia beside them is another (`inertia_factor`).
+        inertia beside them is another (`inertia_factor`). They never yield to what lacks a dry friction of theirs.
         """
-        settings = self.evidence.settings
+        settings, dry = self.evidence.settings, any(e.is_dry for e in self.fit.model.effects)
+        if dry and not along.has_dry_friction:
+            return False
         more = self.torque.after / max(math.sqrt(1.0 - along.share) * self.torque.drive, 1e-300)
         if not along.shows_inertia:
             return more > 1.0
         if more <= settings.farther_factor or self.error.ratio < 1.0:
             return False
         another = along.contradicts(self.fit.inertia, settings.inertia_factor)
-        lacking = along.shows_dry_friction and not any(e.is_dry for e in self.fit.model.effects)
-        return another or lacking or not self.additions
+        return another or (along.shows_dry_friction and not dry) or not self.additions
 
 
 def friction_shown(search: Search, base: Fit, end: Fit, unseen: Sequence[Record]) -> FrictionAlong | None:

@@ -175,10 +175,15 @@ class FrictionAlong:
     one_speed: bool = False
 
     @property
+    def has_dry_friction(self) -> bool:
+        """Whether there is surely a dry friction, or what a motion in one direction or at one speed takes for one."""
+        value, sd = self.coulomb
+        return value > SURE_COEFFICIENT * sd
+
+    @property
     def shows_dry_friction(self) -> bool:
         """Whether there is surely a dry friction, which is neither a load nor a viscous one."""
-        value, sd = self.coulomb
-        return value > SURE_COEFFICIENT * sd and not (self.one_way or self.one_speed)
+        return self.has_dry_friction and not (self.one_way or self.one_speed)
 
     @property
     def shows_inertia(self) -> bool:

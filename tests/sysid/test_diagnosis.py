@@ -43,6 +43,7 @@ from sysid.diagnosis.search_settings import DEFAULT
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
+from sysid.web.samples import sample
 from tests.sysid.planted import (
     DEPENDENCES,
     DT,
@@ -304,6 +305,23 @@ def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[
     assert [t.name for t in found.contacts] == ["pushed"]
     assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.error.ratio < 1.15, "no model predicts what a hand does"
+
+
+@pytest.mark.long
+def test_a_delay_stays_beside_friction_along_the_motion_that_is_told_by_means_of_it() -> None:
+    """A search that may add one effect finds the delay; the dry friction beside it shows along the motion."""
+    found = diagnose(
+        Model(RodPendulum(), dt=0.02),
+        sample("two"),
+        Sensor(0.003, 0.05),
+        settings=dataclasses.replace(DEFAULT, steps=1),
+    )
+    (step,) = found.steps
+    assert step.effect == "delay" and abs(step.parameters["delay.T"]["value"] - 0.05) < 0.005
+    assert found.verdict == "partly" and found.friction is not None
+    assert found.error.ratio < found.base_error.ratio
+    assert found.friction.coulomb[0] == pytest.approx(0.15, abs=0.03)
+    assert re.search(r"^delay .* explains .*; along the motion dry friction", found.finding)
 
 
 @pytest.mark.long

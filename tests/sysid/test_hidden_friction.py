@@ -14,6 +14,7 @@ from sysid.diagnosis.hidden_friction import hidden_friction
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
+from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.ops import Array
 
 DT, SENSOR = 0.02, Sensor(theta=2e-3)
@@ -71,3 +72,12 @@ def test_what_is_unknown_or_late_is_no_friction(hidden: tuple[Effect, ...], seed
 def test_nothing_hides_in_a_motion_that_the_model_explains() -> None:
     own = bare(sag=0.0)
     assert own.remaining is None and hidden_friction(own) is None
+
+
+def test_friction_along_a_motion_takes_no_place_of_a_dry_friction_that_it_lacks() -> None:
+    """Though its inertia is another, and it leaves next to nothing of the torque."""
+    found = hidden_friction(bare(effect("coulomb", tau_c=0.5)))
+    assert found is not None
+    along = FrictionAlong((0.5, 0.01), (0.5, 0.02), (0.0, 0.01), (0.005, 1e-4), share=1.0 - 1e-9)
+    assert found.leaves_more_than(along)
+    assert not found.leaves_more_than(replace(along, coulomb=(0.02, 0.02)))
