@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.data.json_file import plain, plain_fields
 from sysid.data.record import Record, first_samples
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.contacts import OUTSIDE, Contact
 from sysid.diagnosis.findings import chance, dependence_on, fitted_numbers, numbers_in_words, quantity, with_numbers
 from sysid.diagnosis.predictions import Prediction, typical
 from sysid.diagnosis.ranked import Ranked
@@ -368,7 +368,7 @@ class Diagnosis:
         """Sentences on `other_effects`, and on data that no fit has used."""
         remarks = list(self.other_effects)
         if self.contacts:
-            remarks.append(f"no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
+            remarks.append(f"no fit has used what may be {OUTSIDE}: {'; '.join(map(str, self.contacts))}")
         if self.shared_error:
             remarks.append(self.shared_error_in_words)
         return tuple(remarks)
@@ -436,7 +436,7 @@ class Diagnosis:
         if remaining.unseen:
             return "what was fitted to is explained, held-out data are not: they show what the rest of the log does not"
         what, unit = quantity("torque", self.error.units), self.error.units["torque"]
-        many = f"{len(self.contacts)} stretches that a hand may have touched"
+        many = f"{len(self.contacts)} stretches that were left out"
         where = f"in {many if len(self.contacts) > 1 else self.contacts[0]}" if self.contacts else ""
         on = dependence_on(remaining.depends_on, where, remaining.where)
         return f"a {what} of rms {remaining.torque:.2g} {unit} remains that no known effect explains; {on}"

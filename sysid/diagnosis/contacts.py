@@ -1,4 +1,4 @@
-"""Contacts: stretches in which something outside the machine pushed, such as a hand."""
+"""Contacts: stretches in which something outside the machine acted, such as a hand, or readings were lost."""
 
 from __future__ import annotations
 
@@ -30,10 +30,13 @@ LEAST_ENERGY_AGAIN = 0.4
 SLIGHT = 0.05
 """Least peak of a contact, as a share of the largest torque that the log shows."""
 LEAST_WORK = 0.2
-"""Least work of a hand on a free swing, as a share of the largest kinetic energy within WORK_TIME: readings that wobble
-or jump look like pushes to and fro."""
+"""Least work of a push on a free swing, as a share of the largest kinetic energy within WORK_TIME."""
 WORK_TIME = 1.0
 """Seconds before and after a stretch."""
+MOST_JUMPS = 2
+"""So many stretches of a free swing may do less work: readings jump once or twice, and more is what the model lacks."""
+OUTSIDE = "a hand's push, or lost readings"
+"""What may have acted in a contact, in words."""
 HELD_SPEED = 0.02
 """Share of the RMS speed below which friction holds a joint; one that a hand holds still moves a little."""
 LARGEST_COMMAND = 5.0
@@ -70,7 +73,7 @@ class Contact:
 
 def contacts_sentence(contacts: Sequence[Contact]) -> str:
     """A sentence that something outside the joint acted in these stretches."""
-    return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
+    return f"No state of the joint explains {'; '.join(map(str, contacts))}: {OUTSIDE}, perhaps."
 
 
 def without_contacts(records: Sequence[Record], contacts: Sequence[Contact]) -> tuple[Record, ...]:
@@ -84,15 +87,16 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     A model that misses something everywhere leaves extremes, too, though nobody touched the machine. The extremes
     therefore have to hold most of the missing torque's energy, in a small part of the time; less of it is enough if
     contacts were left out already (`again`). They must not come with the largest commands or with steps of the command.
-    Nothing counts that is below `least` [N m], slight beside the torques of the log, friction of a standing joint, or
-    hardly changes the energy of a free swing.
+    Nothing counts that is below `least` [N m], slight beside the torques of the log, or friction of a standing joint;
+    nor, of more than two stretches of a free swing, what hardly changes its energy.
     """
     samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_OBSERVED:
         return ()
     known = np.where(samples.follows, torque, np.nan)
     contacts = [c for c in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, c))]
-    contacts = [c for c in contacts if samples.driven or _works(fit, known, c)]
+    if not samples.driven and len(contacts) > MOST_JUMPS:
+        contacts = [c for c in contacts if _works(fit, known, c)]
     inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, c) for c in contacts)], axis=0)
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))

@@ -18,7 +18,7 @@ from sysid.diagnosis.answer import Diagnosis
 from sysid.diagnosis.conclusion import conclusion
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.contacts import Contact, find_contacts, without_contacts
-from sysid.diagnosis.explanation import Evidence, Explanation
+from sysid.diagnosis.explanation import Evidence, friction_shown
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Search
 from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSettings
@@ -28,7 +28,7 @@ from sysid.estimation.disturbances import NO_DISTURBANCE
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
-from sysid.estimation.held_out import lead_of
+from sysid.estimation.held_out import held_out_error, lead_of
 from sysid.estimation.initial_guess import initial_guess, shown_ratios
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon, widened_sensor
@@ -118,19 +118,12 @@ def diagnose(
     longest = float(f"{max(len(r) * r.dt for r in held_out):.2g}")
     ahead = min(asked, longest, _foreseeable(model, names, training, sensor))
     settings = replace(settings, horizon=max(ahead, SHORTEST_HORIZON))
-    search, base, contacts = _searched(
-        lambda left: Search(left, sensor, chosen, settings), training, held_out, model, names
-    )
-    if not _is_astray(search, base, held_out):
-        held_out, more = _untouched(search, base, held_out)
-        contacts = (*contacts, *more)
-    confirmed = Confirmation(_evidence(search, base, held_out, contacts))
+    search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
+    end = search.end(base)
+    widened = widened_sensor(end, settings.ahead)
+    held_out, more = _untouched(end, held_out, widened, settings.ahead)
+    confirmed = Confirmation(Evidence(search, base, held_out, (*contacts, *more), widened))
     return conclusion(confirmed, records, notes, began)
-
-
-def _evidence(search: Search, base: Fit, held_out: tuple[Record, ...], contacts: tuple[Contact, ...] = ()) -> Evidence:
-    """What a search's explanations are judged by: an error that readings share counts as the sensor's."""
-    return Evidence(search, base, held_out, contacts, widened_sensor(search.end(base), search.settings.ahead))
 
 
 def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
@@ -146,17 +139,13 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
 
 
 def _searched(
-    search_in: Callable[[Sequence[Record]], Search],
-    records: Sequence[Record],
-    held_out: tuple[Record, ...],
-    model: Model,
-    names: tuple[str, ...],
+    search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Contact, ...]]:
     """The search through the records without contacts, the fit that it began at, and the contacts."""
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
-        perhaps = restarts_left and not end.undisturbed and not _is_astray(search, base, held_out)
+        perhaps = restarts_left and not end.undisturbed and not _is_astray(end, base, search)
         beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
         missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
         touched = () if missing is None else find_contacts(end, missing, again=bool(contacts))
@@ -167,15 +156,11 @@ def _searched(
     return search, base, contacts
 
 
-def _is_astray(search: Search, base: Fit, held_out: tuple[Record, ...]) -> bool:
-    """Whether a final fit tells nothing of hands: friction along the motion contradicts its inertia, or the motion does
-    not follow from the torque (`Explanation.is_led`)."""
-    end = search.end(base)
-    found = Explanation(_evidence(search, base, held_out), tuple(search.additions), end)
-    along = found.friction_along
-    if along is None:
-        return False
-    return found.is_led or (along.tells_inertia and along.contradicts(end.inertia, search.settings.inertia_factor))
+def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
+    """Whether the friction along the motion contradicts the inertia of a final fit, which then tells nothing of hands;
+    `base` is the fit of the model as it came."""
+    along = friction_shown(search, base, end, search.records)
+    return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.inertia_factor)
 
 
 def _best_search(
@@ -209,14 +194,13 @@ def _best_predicting(searches: Sequence[tuple[Search, Fit, Fit]]) -> tuple[Searc
 
 
 def _untouched(
-    search: Search, base: Fit, held_out: tuple[Record, ...]
+    end: Fit, held_out: tuple[Record, ...], sensor: Sensor, ahead: float
 ) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
     """The held-out records without contacts, which no model can predict, and these contacts."""
-    end, evidence = search.end(base), _evidence(search, base, held_out)
-    if not evidence.error(end).beyond_noise:
+    if not held_out_error(end.model, held_out, sensor, ahead).beyond_noise:
         return held_out, ()
     try:
-        torque = residual_torque(end.model, (*end.samples.records, *held_out), evidence.sensor)
+        torque = residual_torque(end.model, (*end.samples.records, *held_out), sensor)
     except InvalidInput:  # the model runs away from what it has not seen
         return held_out, ()
     names = {r.name for r in held_out}

@@ -37,7 +37,7 @@ class Evidence:
     search    the search that found the additions
     base      fit of the model as it came
     held_out  records that no fit has seen
-    contacts  stretches that a hand may have touched; if there are any, what remains depends on time
+    contacts  stretches in which something outside acted; if there are any, what remains depends on time
     sensor    the noise in whose units errors are given (`widened_sensor`)
     """
 

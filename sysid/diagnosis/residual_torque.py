@@ -122,7 +122,7 @@ class ResidualTorque:
     dependence : Dependence
         The quantity that predicts d on left-out stretches of the log.
     contacts : tuple of Contact
-        Stretches in which d is extreme for the state of the joint: a hand, perhaps.
+        Stretches in which d is extreme for the state of the joint: a hand's push, or lost readings, perhaps.
     units : dict
         The units of "theta", "theta_dot", "torque" and "time" for the model's plant.
     converged : bool

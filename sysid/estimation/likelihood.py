@@ -25,7 +25,7 @@ SIGMA_99 = 2.5758
 
 def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> Filter:
     """One Newton step of log (s, sigma_o, sigma_f) that makes the log likelier about the same motion; `now` if none
-    does.
+    does, or if a deviance next to it is not finite.
 
     Without `shared_error` only log s moves. Slope and curvature are finite differences over a factor of 1.35, a change
     that a log cannot see; where the curvature is negative, the step follows the slope. A step is at most a factor of e,
@@ -49,6 +49,8 @@ def likelihood_ascent(now: Filter, floor: Array, shared_error: bool = True) -> F
     for i, j in combinations(range(len(free)), 2):
         both = (moved(unit[i] + unit[j]).deviance - up[i] - up[j] + here) / h**2
         curvature[i, j] = curvature[j, i] = both
+    if not np.all(np.isfinite(curvature)):
+        return now  # beside disturbances next to these the motion runs away
     size, axes = np.linalg.eigh(curvature)
     along = -(axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
     move, lowest = np.zeros(3), np.minimum(floor - sizes, 0.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -195,3 +197,16 @@ def test_where_the_model_ran_away_no_disturbances_are_likelier_and_some_are_told
     assert filtered.deviance == math.inf
     assert likelihood_ascent(filtered, np.full(3, -40.0)) is filtered
     assert maximum_likelihood(lost, [BOTH, replace(BOTH, T=1.0)]) == BOTH
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_where_the_motion_runs_away_beside_larger_disturbances_no_others_are_likelier(both: bool) -> None:
+    """Beside a larger random torque, or beside one with a larger error of the readings."""
+
+    def filtered(at: Disturbances) -> Any:
+        lost = at.s > BOTH.s and (at.sigma_o > BOTH.sigma_o or not both)
+        return SimpleNamespace(deviance=math.inf if lost else 1.0 + at.s, disturbances=at, system=system)
+
+    system = SimpleNamespace(filter=filtered)
+    now = filtered(BOTH)
+    assert likelihood_ascent(now, np.full(3, -40.0)) is now
