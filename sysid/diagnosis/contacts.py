@@ -95,7 +95,8 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
         return ()
     known = np.where(samples.follows, torque, np.nan)
     contacts = [c for c in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, c))]
-    if not samples.driven and len(contacts) > MOST_JUMPS:
+    felt = SLIGHT * shown_extent(samples, fit.model).u_max
+    if not samples.driven and sum(abs(c.peak) > felt for c in contacts) > MOST_JUMPS:
         contacts = [c for c in contacts if _works(fit, known, c)]
     inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, c) for c in contacts)], axis=0)
     energy = float(np.nansum(known**2))
@@ -104,7 +105,6 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     rare = held > share * energy > 0.0 and np.mean(inside) < MOST_TIME
     if not rare or _commanded(fit, known, contacts, inside):
         return ()
-    felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in contacts if abs(contact.peak) > felt)
 
 
