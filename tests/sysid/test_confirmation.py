@@ -41,7 +41,7 @@ class Named(tuple[str, ...]):
     """A fit of a script: the names of its additions, an inertia, dry friction, and speeds that share no error."""
 
     samples, inertia = SimpleNamespace(shared=0, driven=True), 1.0
-    model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True, contains=()),))
+    model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True, contains=()),), input_effects=())
 
 
 HIDDEN = Addition("coulomb", (), (), 0.0)
