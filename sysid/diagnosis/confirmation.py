@@ -369,11 +369,11 @@ class Confirmation:
         now, along = self.now, self.now.friction_along
         if along is None or now.remaining is None or not now.is_led:
             return
-        names = {effect.name for effect in late_effects(self.evidence.base, now.fit)}
-        late = self.explanation([a for a in self.additions if a.name in names])
         punctual = self.bare.friction_along
-        stay = punctual is None or along.share > punctual.share
-        self.now = late if stay and not self._raises_error(late, self.bare) else self.bare
+        tells_more = punctual is None or along.share > punctual.share
+        names = {effect.name for effect in late_effects(self.evidence.base, now.fit)} if tells_more else set()
+        late = self.explanation([a for a in self.additions if a.name in names])
+        self.now = self.bare if self._raises_error(late, self.bare) else late
         self.friction, self.unconfirmed, self.as_likely = along, [], []
 
     def _take_numbers_that_predict_best(self) -> None:

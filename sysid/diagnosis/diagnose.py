@@ -157,7 +157,7 @@ def _searched(
 
 
 def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
-    """Whether the friction along the motion contradicts the inertia of a final fit, which then tells nothing of hands;
+    """Whether the friction along the motion contradicts the inertia of a final fit, which then tells of no contacts;
     `base` is the fit of the model as it came."""
     along = friction_shown(search, base, end, search.records)
     return along is not None and along.tells_inertia and along.contradicts(end.inertia, search.settings.inertia_factor)

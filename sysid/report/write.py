@@ -16,7 +16,7 @@ from sysid.data.files import save_file
 from sysid.data.record import is_part
 from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, place_of_window
-from sysid.diagnosis.contacts import Contact, contacts_sentence
+from sysid.diagnosis.contacts import OUTSIDE, Contact, contacts_sentence
 from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
@@ -181,7 +181,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     caption = (
         f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
-        + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
+        + (f" Yellow: what no state of the joint explains, perhaps {OUTSIDE}." if contacts else "")
         + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
     draw = partial(figures.over_time, torque, before=before, contacts=contacts)
