@@ -285,7 +285,7 @@ class Confirmation:
             if self._losses_confirm(self.now, fewer):
                 continue
             # an error that speeds share took the torque's place in the fit, and bent the numbers of the poorer model
-            comparable = not self.evidence.base.samples.shared
+            comparable = not self.evidence.base.samples.error_channel
             more = comparable and self.now.torque.after > (1.0 + self.settings.tolerance) * fewer.torque.after
             worse = more and not is_lowered(self.now.error.ratio, fewer.error.ratio, self.settings.decisive_fall)
             if worse or self._is_part_of_unknown(addition, fewer):

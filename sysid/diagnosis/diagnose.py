@@ -178,7 +178,7 @@ def _best_search(
     searches = [from_first(helped) for helped in first_fits(Samples(model, records, sensor), model, names)]
     best = _best_predicting(searches)
     sharing = Samples(model, records, sensor, speeds_share=True)
-    if not sharing.shared or any(end.undisturbed for *_, end in searches):
+    if not sharing.error_channel or any(end.undisturbed for *_, end in searches):
         return best
     inertia = best[-1].inertia
     nearest = min(first_fits(sharing, model, names), key=lambda fit: abs(math.log(fit.inertia / inertia)))

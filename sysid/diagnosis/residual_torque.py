@@ -295,7 +295,7 @@ def needed_disturbances(base: Fit, beside: Disturbances = NO_DISTURBANCE) -> Dis
 
     It begins large if such an error took the torque's place in the fit, else at the fit's own.
     """
-    least = level(base.samples) if base.samples.shared else 1e-3 * float(np.std(base.samples.smoothed[:, 1]))
+    least = level(base.samples) if base.samples.error_channel else 1e-3 * float(np.std(base.samples.smoothed[:, 1]))
     begun = replace(beside, s=max(base.disturbances.s, least), T=CORRELATION_TIME)
     likely = base.linearised.system.filter(begun)
     for _ in range(6):

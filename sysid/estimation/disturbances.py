@@ -20,7 +20,7 @@ class Disturbances:
         d:  random acceleration [rad/s^2], sd s, correlation time T [s]; times the inertia it is the random torque
         o:  error of the angle's reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
             rounding at slow speed, stamps that jitter, a vibration of the structure. Where speeds alone are read it may
-            be the speed's [rad/s], averaged over turns of an encoder, say (`Samples.shared`)
+            be the speed's [rad/s], averaged over turns of an encoder, say (`Samples.error_channel`)
         f:  smooth error of the same reading, sd sigma_f, correlation time T_f [s]: a film's perspective, the edge of a
             marker, a swing that leaves its plane; of a speed the pitch of an encoder
 
@@ -43,7 +43,7 @@ class Disturbances:
     T_f: float = 0.3
 
     @property
-    def shared(self) -> bool:
+    def in_readings(self) -> bool:
         """Whether neighbouring readings share an error."""
         return self.sigma_o > 0.0 or self.sigma_f > 0.0
 

@@ -86,7 +86,7 @@ def with_best_memory(fitted: Fit) -> Fit:
     likelier by more than chance.
     """
     likely = with_likely_shared_error(fitted)
-    if fitted.samples.shared or not fitted.samples.driven:
+    if fitted.samples.error_channel or not fitted.samples.driven:
         begins = (likely, with_smooth_error(fitted))
         rough, smooth = (continued(fitted, disturbances) for disturbances in begins)
         if smooth.deviance < rough.deviance - NUMBERS_GAIN and smooth.errs_by_little:

@@ -23,7 +23,7 @@ PROBE = 0.1
 LARGEST_PROBE = 0.01
 """Largest such step, as a share of the number's `scale`."""
 NEGLIGIBLE_FALL = 1e-4
-"""Share of the sum of squares by which the last step lowers it."""
+"""Share of the sum of squares by which the last step, or the second half of all evaluations, may still lower it."""
 EXPLAINED = 1.05
 """RMS of the innovations, in units of the noise, up to which a model without a random torque explains its log."""
 FARTHEST_INERTIA = 2.0
@@ -101,7 +101,8 @@ def horizon_fit(fit: Fit, seconds: float) -> HorizonFit | None:
     K, P = len(predictions.windows), len(fit.names)
     return HorizonFit(
         **at
-        | {"names": fit.names, "prior": fit.prior, "converged": fit.converged and solution.status > 0}
+        | {"names": fit.names, "prior": fit.prior}
+        | {"converged": fit.converged and (solution.status > 0 or predictions.stay)}
         | {"Z": held.filter.whiten(*held.linearised.changes(fit.names))},
         windows=predictions.windows,
         errors=solution.fun.reshape(K, -1),
@@ -116,12 +117,19 @@ class _Predictions:
         self.fit, self.windows = fit, windows
         samples = fit.samples
         self.at = refit_windows(fit.model, samples.records, samples.sensor, windows)
-        self.values, self.starts, self.least = fit.values, self.at.starts, float(np.sum(self.at.lin.e**2))
+        self.values, self.starts, self.squares = fit.values, self.at.starts, [float(np.sum(self.at.lin.e**2))]
         parameters = [fit.model.parameters[n] for n in fit.names]
         self.low, self.high = np.array([p.bounds for p in parameters]).T
         sd = np.nan_to_num(np.sqrt(np.diag(fit.likelihood_covariance)), nan=np.inf)
         largest = LARGEST_PROBE * np.array([p.scale for p in parameters])
         self.probes = np.where(sd > 0.0, np.minimum(PROBE * sd, largest), largest)
+
+    @property
+    def stay(self) -> bool:
+        """Whether the later half of the evaluations has found no lower sum of squares than the earlier one. Where a
+        joint sticks now and then, slopes promise more than steps keep, and SciPy's criteria do not end the search."""
+        earlier = self.squares[: len(self.squares) // 2]
+        return min(self.squares) >= (1.0 - NEGLIGIBLE_FALL) * min(earlier)
 
     def errors(self, values: Array) -> Array:
         """The errors (K R,)."""
@@ -144,8 +152,9 @@ class _Predictions:
         if not np.array_equal(values, self.values):
             self.at, self.values = refit(self._response(values), self.starts), values.copy()
             squares = float(np.sum(self.at.lin.e**2))
-            if squares < self.least:
-                self.starts, self.least = self.at.starts, squares
+            if squares < min(self.squares):
+                self.starts = self.at.starts
+            self.squares.append(squares)
         return self.at
 
     def _response(self, values: Array) -> Response:

@@ -35,9 +35,9 @@ class LinearSystem:
 
     x holds theta, theta_dot and the n - 2 states of dynamic effects, whose sd at a record's start is inner_sd (n - 2,).
     The third column of A (M, n, n + 1) belongs to d. gap (M, n); the slopes H (M, 2, 2) and residuals r (M, 2) of the
-    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of the channel `shared`: 0, the
-    angle, as written, or 1, the speed, and so is f; weight (M,) is 1 / sd of its readings. follows (M,) says whether
-    the next instant is of the same record. dt [s]. reach [rad]: a large way for this log.
+    readings are in units of the sensor's sd, 0 where nothing was read. o is an error of `error_channel`: 0, the angle,
+    as written, or 1, the speed, and so is f; weight (M,) is 1 / sd of its readings. follows (M,) says whether the next
+    instant is of the same record. dt [s]. reach [rad]: a large way for this log.
     """
 
     A: Array
@@ -49,7 +49,7 @@ class LinearSystem:
     dt: float
     inner_sd: tuple[float, ...] = ()
     reach: float = 1.0
-    shared: int = 0
+    error_channel: int = 0
 
     @property
     def moving(self) -> list[int]:
@@ -89,7 +89,7 @@ class LinearSystem:
         read = self.H[:, [0, 1], [0, 1]]
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
         seen = bool(np.any(read[:, 0])), bool(np.any(read[:, 1]))
-        steps = _steps(inner, own_state, seen, self.shared, disturbances.sigma_o > 0.0, smooth)
+        steps = _steps(inner, own_state, seen, self.error_channel, disturbances.sigma_o > 0.0, smooth)
         buffer, run = steps.buffer()
         buffer.set_arg(2, _view(scale))
         for begin in range(0, len(columns), BLOCK):
@@ -132,7 +132,7 @@ def _diagonal(N: int) -> list[int]:
 
 
 def _instant(
-    inner: int, own_state: bool, seen: tuple[bool, bool], shared: int, coloured: bool, smooth: bool
+    inner: int, own_state: bool, seen: tuple[bool, bool], error_channel: int, coloured: bool, smooth: bool
 ) -> casadi.Function:
     """One instant of the filter: update by each channel's reading in turn, then predict the next instant.
 
@@ -141,7 +141,7 @@ def _instant(
     The inputs are the predicted P (lower triangle) and m, a row of `_columns`, and scale: how the disturbances go on,
     their increments, and the variances at a record's start. The outputs are the next P and m; and the gains K,
     variances S and errors e of the readings. The flags keep zeros out of the graph: whether each channel shows its own
-    state alone, whether it was read at all, and whether there are errors o and f of the channel `shared`.
+    state alone, whether it was read at all, and whether there are errors o and f of `error_channel`.
     """
     n, N = inner + 2, _size(inner, smooth)
     width, lower = n * (n + 1) + n + 8, casadi.Sparsity.lower(N)
@@ -160,7 +160,7 @@ def _instant(
             for j in range(2):
                 if i == j or not own_state:
                     h[j] = H[i, j]
-            if i == shared:
+            if i == error_channel:
                 h[[3] * coloured + [N - 2] * smooth] = weight
             Ph = P @ h.T
             S, e = 1.0 + h @ Ph, r[i] - h @ m
@@ -183,11 +183,11 @@ def _instant(
 
 @cache
 def _steps(
-    inner: int, own_state: bool, seen: tuple[bool, bool], shared: int, coloured: bool, smooth: bool
+    inner: int, own_state: bool, seen: tuple[bool, bool], error_channel: int, coloured: bool, smooth: bool
 ) -> casadi.Function:
     """`_instant` over a BLOCK of instants, with its outputs after each. UNROLLED of them share one graph, since a call
     for each would cost as much as the computation itself."""
-    instant = _instant(inner, own_state, seen, shared, coloured, smooth)
+    instant = _instant(inner, own_state, seen, error_channel, coloured, smooth)
     V, W, scales = (instant.size1_in(k) for k in range(3))
     scale = casadi.SX.sym("scale", scales)
     several, states, updates = casadi.SX.sym("several", W, UNROLLED), [casadi.SX.sym("state", V)], list[casadi.SX]()
@@ -262,7 +262,7 @@ class Filter:
     def H(self) -> Array:
         """The slopes (M, 2, N) of the readings in z."""
         H = np.zeros((len(self.updates), 2, self.size))
-        H[:, :, :2], H[:, self.system.shared, self._disturbing[1:3]] = self.system.H, self.system.weight[:, None]
+        H[:, :, :2], H[:, self.system.error_channel, self._disturbing[1:3]] = self.system.H, self.system.weight[:, None]
         return H
 
     @cached_property

@@ -38,7 +38,7 @@ class Samples:
     y, weight (M, 2)           readings of theta and theta_dot and their 1 / sd, 0 where nothing was read; those at rest
                                are merged (`sysid.data.rests`)
     number, follows (M,)       index of the record; whether the next instant belongs to the same record
-    shared                     channel whose neighbouring readings may share an error (`Disturbances`): 0, the angle; or
+    error_channel              channel whose neighbouring readings may share an error (`Disturbances`): 0, the angle; or
                                if `speeds_share` and most instants have no angle 1, the speed
     """
 
@@ -63,7 +63,7 @@ class Samples:
             if record.starts_midway:  # for a while a model with a memory cannot predict what unknown commands left
                 blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
                 self.weight[begin : begin + blind] = 0.0
-        self.shared = int(speeds_share and not self.reads(0))
+        self.error_channel = int(speeds_share and not self.reads(0))
         self._followed: dict[tuple[str, bytes], Array] = {}
 
     def __len__(self) -> int:
@@ -219,9 +219,10 @@ class LinearisedModel:
         A[~samples.follows], gap[~samples.follows] = 0.0, 0.0
         self.ahead = (0, 0)
         H, r = self._readings()
+        channel = samples.error_channel
         self.system = LinearSystem(
-            A, gap, H, r, samples.weight[:, samples.shared], samples.follows, samples.dt, model.inner_sd, samples.reach,
-            samples.shared,
+            A, gap, H, r, samples.weight[:, channel], samples.follows, samples.dt, model.inner_sd, samples.reach,
+            channel,
         )  # fmt: skip
         # the first readings of a sensor with memory show what was before the record: the model cannot use them
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))

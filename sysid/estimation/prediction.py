@@ -147,7 +147,8 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
     """
     samples, likely = fit.samples, fit.likeliest_torque
     noise = samples.sensor.theta
-    if samples.driven or samples.shared or noise is None or likely.s or not likely.shared or not fit.errs_by_little:
+    of_angles = likely.in_readings and not samples.error_channel
+    if samples.driven or noise is None or likely.s or not of_angles or not fit.errs_by_little:
         return samples.sensor
     from scipy.signal import fftconvolve
 
@@ -190,7 +191,7 @@ def _without(fit: Fit, windows: list[Window], least_share: float = 0.0) -> Model
     left_out = np.zeros(len(samples), dtype=bool)
     for w in windows:
         begin = int(samples.first[w.record]) + w.begin
-        left_out[begin + w.shared : begin + w.count + 1] = True
+        left_out[begin + w.overlap : begin + w.count + 1] = True
     rows = np.repeat(left_out, 2)
     low, high = np.array([fit.model.parameters[n].bounds for n in fit.names]).T
     free = (p > low) & (p < high)

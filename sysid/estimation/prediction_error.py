@@ -187,7 +187,7 @@ class Fit:
     def errs_by_little(self) -> bool:
         """Whether the error that neighbouring readings share is much smaller than the motion. A larger one stands for a
         motion that the model lacks."""
-        motion = float(np.std(self.samples.smoothed[:, self.samples.shared]))
+        motion = float(np.std(self.samples.smoothed[:, self.samples.error_channel]))
         return float(self.disturbances.shared_variance(np.zeros(1))[0]) < (LARGEST_ERROR * motion) ** 2
 
     @cached_property
@@ -218,8 +218,8 @@ class Fit:
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
         if torque.s:
             status = f"{status}; the model lacks something: a random torque acts beside it"
-        elif torque.shared:
-            channel = ("angle", "speed")[samples.shared]
+        elif torque.in_readings:
+            channel = ("angle", "speed")[samples.error_channel]
             status = f"{status}; neighbouring readings of the {channel} share an error beside their noise"
         if lost:
             status = f"{status}; yet the records do not determine {', '.join(lost)}"
@@ -247,7 +247,7 @@ def with_likely_shared_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1
     """
     now = fitted.disturbances
     begins = [replace(now, sigma_o=now.sigma_o * math.sqrt(T_o / now.T_o), T_o=T_o) for T_o in times]
-    if fitted.samples.shared:
+    if fitted.samples.error_channel:
         begins += [replace(now, s=0.1 * now.s, sigma_o=now.s * min(now.T, T_o), T_o=T_o) for T_o in times]
     return maximum_likelihood(fitted.linearised.system, begins)
 
@@ -262,7 +262,7 @@ def with_smooth_error(fitted: Fit) -> Disturbances:
     short = replace(now, s=0.1 * now.s, sigma_o=now.sigma_o * math.sqrt(SHORT / now.T_o), T_o=SHORT)
     alone = [Disturbances(0.0, sigma_f=1.0, T_f=T_f) for T_f in SMOOTH]
     change, *changes = (-float(np.diff(of.shared_variance(neighbours))[0]) for of in (now, *alone))
-    if fitted.samples.shared:
+    if fitted.samples.error_channel:
         change += 0.5 * (now.s * fitted.samples.dt) ** 2
     begins = [
         replace(short, sigma_f=math.sqrt(change / each), T_f=T_f) for each, T_f in zip(changes, SMOOTH, strict=True)

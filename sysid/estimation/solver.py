@@ -38,7 +38,7 @@ class Settings:
     widest       largest half width of the finite differences that give the model's slopes: of the angle [rad], and of
                  speed and acceleration as shares of their sizes; wider ones would be the slopes of another machine
     wanders      length of a step below which a fit may go to and fro in the end: a joint that sticks now and then comes
-                 to rest at one of the samples, and they are no denser
+                 to rest at one of the samples, and they are no denser. The fit is then the likeliest of these places
     """
 
     iterations: int = 40
@@ -62,7 +62,7 @@ SMALLEST = 1e-5
 VAGUE_TORQUE = 10.0
 """Prior sd of an effect's torque, as a multiple of the largest torque that the log shows: no log of use feels it."""
 ASTRAY = 0.1
-"""A fit that has not converged and ends above its best by this deviance per reading has lost its way."""
+"""A fit that has not settled and ends above its best by this deviance per reading has lost its way."""
 CALM = 8
 """A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
 SETTLED_STEPS = 4
@@ -102,7 +102,8 @@ def fit_parameters(
     limits = _Limits.of(samples, model, names, prior, settings, extent)
     progress, converged, restless = _Progress(settings), False, settings.sizes
     best: Fit | None = None
-    share, last = 1.0, np.zeros(len(names))
+    likeliest: Fit | None = None
+    share, taken, last = 1.0, math.inf, np.zeros(len(names))
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
@@ -114,28 +115,35 @@ def fit_parameters(
             return best
         G, R = linearised.changes(names)
         Z, now = here.whiten(G, R), model.numbers(names)
+        fit = Fit(samples, linearised.model, names, linearised, here, Z, prior, False, balance)
         if not np.all(np.isfinite(Z)):  # the model runs away from the readings within a sample
             break
         beside = balance.rows(model, names) if balance and names else None
         step = _step(here, Z, prior, now, limits, beside)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         step = limits.shortened(step, now)
-        converged = progress.ended(k, moved, here.deviance, restless)
+        if progress.settles(k, moved, here.deviance, restless):
+            return replace(fit, converged=True)
+        if best is None or here.deviance < best.filter.deviance:
+            best = fit
+        if k >= settings.patience and (likeliest is None or here.deviance < likeliest.filter.deviance):
+            likeliest = fit
+        converged = progress.wanders(taken, here.deviance)
         if converged:
             break
-        if best is None or here.deviance < best.filter.deviance:
-            best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False, balance)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
         to_and_fro = k > 1 and moved > settings.wanders
         share = max(settings.least_share, relaxation(share, Z @ last, Z @ step)) if to_and_fro else 1.0
         share, last = share if k < settings.patience else min(share, 0.5), step
+        taken = share * moved
         motion = motion.moved(share * here.smooth(G @ step, R @ step), spread)
         numbers = limits.within(now + share * step)
         model = model.with_numbers(names, numbers.tolist())
-    if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
+    found = likeliest or fit
+    if best is not None and not converged and found.filter.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
-    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged, balance)
+    return replace(found, converged=converged)
 
 
 @dataclass
@@ -144,22 +152,24 @@ class _Progress:
 
     settings: Settings
     before: float = math.inf
-    began: float = math.inf
+    lowest: float = math.inf
     still: int = 0
     calm: int = 0
 
-    def ended(self, k: int, moved: float, deviance: float, restless: bool) -> bool:
-        """Whether the fit ends before step k, of length `moved`, at a point with this deviance; `restless` says whether
-        the sizes of the disturbances still change."""
+    def settles(self, k: int, moved: float, deviance: float, restless: bool) -> bool:
+        """Whether nothing changes any more at a place with this deviance, from which step k, of length `moved`, leads;
+        `restless` says whether the sizes of the disturbances still change."""
         settings = self.settings
         self.still = self.still + 1 if moved < settings.settled and not restless else 0
-        if self.still >= SETTLED_STEPS or (k >= 2 and self.still and abs(deviance - self.before) < settings.negligible):
-            return True
-        self.before = deviance
-        if moved < settings.wanders and abs(deviance - self.began) < 1.0:
+        change, self.before = abs(deviance - self.before), deviance
+        return self.still >= SETTLED_STEPS or (k >= 2 and self.still > 0 and change < settings.negligible)
+
+    def wanders(self, taken: float, deviance: float) -> bool:
+        """Whether a fit only goes to and fro, after a step of length `taken` to a place with this deviance."""
+        if taken < self.settings.wanders and deviance > self.lowest - 1.0:
             self.calm += 1
         else:
-            self.calm, self.began = 0, deviance
+            self.calm, self.lowest = 0, deviance
         return self.calm >= CALM
 
 
@@ -275,7 +285,8 @@ def shown_extent(samples: Samples, model: Model) -> Extent:
 def _shared_sd(samples: Samples) -> float:
     """The sd of the readings whose neighbours may share an error; 0 if at most half of the instants with a reading
     have one, such as a known start alone."""
-    return float(1.0 / np.max(samples.weight[:, samples.shared])) if samples.reads(samples.shared) else 0.0
+    channel = samples.error_channel
+    return float(1.0 / np.max(samples.weight[:, channel])) if samples.reads(channel) else 0.0
 
 
 def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:

@@ -25,7 +25,7 @@ class Window:
     lead: int = 0
 
     @property
-    def shared(self) -> int:
+    def overlap(self) -> int:
         """The number of its first instants that belong to the window before it: its lead, or 0 at a record's start."""
         return self.lead if self.begin > 0 else 0
 

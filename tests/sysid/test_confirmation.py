@@ -40,7 +40,7 @@ def _torque(after: float, drive: float = 10.0) -> MissingTorque:
 class Named(tuple[str, ...]):
     """A fit of a script: the names of its additions, an inertia, dry friction, and speeds that share no error."""
 
-    samples, inertia = SimpleNamespace(shared=0, driven=True), 1.0
+    samples, inertia = SimpleNamespace(error_channel=0, driven=True), 1.0
     model = SimpleNamespace(effects=(SimpleNamespace(is_dry=True, contains=()),), input_effects=())
 
 
@@ -195,7 +195,7 @@ def test_hidden_friction_is_named_unless_it_imitates_something_unknown(
 def test_beside_an_error_that_speeds_share_the_missing_torque_is_no_judge() -> None:
     fewer = {own: 10.0 * (0.9 if "coulomb" in own else 1.0) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(Named, "samples", SimpleNamespace(shared=1, driven=True))
+        patch.setattr(Named, "samples", SimpleNamespace(error_channel=1, driven=True))
         patch.setattr(Told, "torque", property(lambda own: _torque(2.0 if "coulomb" in own.names else 1.0)))
         found = Scripted(fewer, frozenset())
     assert found.now.names == ("coulomb",)
@@ -330,7 +330,7 @@ def test_a_friction_that_the_losses_of_held_out_swings_confirm_may_raise_the_err
 def test_a_zero_of_a_free_swing_is_no_part_of_something_unknown(name: str, driven: bool, part: bool) -> None:
     """What remains depends on the angle, and the effect, a function of the angle, explains nothing of it."""
     with scripted() as patch:
-        patch.setattr(Named, "samples", SimpleNamespace(shared=0, driven=driven))
+        patch.setattr(Named, "samples", SimpleNamespace(error_channel=0, driven=driven))
         patch.setattr(Named, "at_bounds", frozenset(), raising=False)
         patch.setattr(Told, "remaining", Remaining(0.5, ("theta",), ""))
         patch.setattr(Told, "missing_over", lambda *_: 1.0)
@@ -346,7 +346,7 @@ def test_of_two_zeros_that_swell_beside_each_other_one_goes(swells: bool, driven
     share = {"coulomb": 0.5, "tilt": 0.5, "viscous": 0.7}
     errors = {own: 9.0 * math.prod(share[name] for name in own) for own in SUBSETS}
     with scripted() as patch:
-        patch.setattr(Named, "samples", SimpleNamespace(shared=0, driven=driven))
+        patch.setattr(Named, "samples", SimpleNamespace(error_channel=0, driven=driven))
         patch.setattr(confirmation, "CATALOGUE", {**CATALOGUE, "viscous": CATALOGUE["torque_bias"]})
         patch.setattr(Scripted, "_swells", lambda *_: swells)
         found = Scripted(errors, frozenset())

@@ -50,10 +50,10 @@ def system(seed: int, lengths: tuple[int, ...], read: str = "both channels") -> 
     r = 5.0 * rng.standard_normal((M, 2)) * there
     follows = np.ones(M, dtype=bool)
     follows[np.cumsum(lengths) - 1] = False
-    shared = int(read == "speed alone, with o")
-    weight = rng.uniform(2.0, 5.0, M) * there[:, shared]
+    erring = int(read == "speed alone, with o")
+    weight = rng.uniform(2.0, 5.0, M) * there[:, erring]
     gap, inner_sd = 0.05 * rng.standard_normal((M, A.shape[1])), INSIDE[: A.shape[1] - 2]
-    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, inner_sd, shared=shared)
+    return LinearSystem(A, gap, H * there[:, :, None], r, weight, follows, DT, inner_sd, error_channel=erring)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Dense:
         for k in range(M):
             block = slice(N * k, N * k + N)
             H[2 * k : 2 * k + 2, block][:, :2] = given.H[k]
-            H[2 * k + given.shared, N * k + np.array(at[1:3])] = given.weight[k]
+            H[2 * k + given.error_channel, N * k + np.array(at[1:3])] = given.weight[k]
             if k == 0 or not given.follows[k - 1]:
                 Q[block, block] = start
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ import sysid
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     Coulomb,
+    Delay,
+    Effect,
     GeneralJoint,
+    Lag,
     Model,
     Record,
     RodPendulum,
@@ -22,7 +26,9 @@ from sysid import (
     fisher_information,
     simulate,
 )
+from sysid.estimation import solver
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.horizon_fit import horizon_fit
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
@@ -329,23 +335,55 @@ def test_steps_that_go_to_and_fro_are_relaxed_to_the_optimum(overshoot: float, t
     assert relaxation(taken, far, 0.4 * far) == relaxation(taken, far, -0.4 * far) == 1.0, "whole ones get there"
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
-def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> None:
-    """Whole steps go to and fro between motions that stick at other instants, or stay at a less likely one."""
+def sticking_joint(seed: int, start: Model, *late: Effect) -> Samples:
+    """The samples of a joint with dry friction of 0.5 N m, whose gears add a torque from one sample to the next."""
     rng = np.random.default_rng(seed)
-    truth = Model(GeneralJoint(J=0.04, G=2.4), (Coulomb(tau_c=0.5),), dt=0.02)
+    truth = Model(GeneralJoint(J=0.04, G=2.4), (Coulomb(tau_c=0.5), *late), dt=0.02)
     u = np.stack([multisine(np.random.default_rng(10 * seed + k), 300, 0.02, 1.4, 1.0) for k in range(3)])
     gear = 0.15 * rng.standard_normal(u.shape)
     run = simulate(truth, u + gear, np.full(3, math.pi), np.zeros(3))
     records = [replace(r, u=command) for r, command in zip(Sensor(theta=0.001).measure(run, rng), u, strict=True)]
+    return Samples(start, records, Sensor(theta=0.001))
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> None:
+    """Whole steps go to and fro between motions that stick at other instants, or stay at a less likely one."""
     start = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.1),), dt=0.02)
-    samples = Samples(start, records, Sensor(theta=0.001))
+    samples = sticking_joint(seed, start)
     whole, fit = (
         fit_parameters(samples, start, ("J", "G", "coulomb.tau_c"), settings=replace(Settings(), patience=patience))
         for patience in (40, 12)
     )
     assert fit.converged
     assert fit.deviance < whole.deviance - 10.0
+    np.testing.assert_allclose(fit.values, [0.04, 2.4, 0.5], rtol=0.1)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 7, 13])
+def test_a_fit_that_goes_to_and_fro_ends_at_the_likeliest_place(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may do so between a long step and a short one, of which a larger share is taken."""
+    places, wanders = list[float](), solver._Progress.wanders
+
+    def noted(self: Any, taken: float, deviance: float) -> bool:
+        places.append(deviance)
+        return wanders(self, taken, deviance)
+
+    monkeypatch.setattr(solver._Progress, "wanders", noted)
+    start = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.1), Lag(T=0.05)), dt=0.02)
+    samples = sticking_joint(seed, start, Delay(T=0.03))
+    fit = fit_parameters(samples, start, ("J", "G", "coulomb.tau_c", "lag.T"))
+    assert fit.converged
+    late = places[Settings().patience :]
+    assert len(places) < Settings().iterations and fit.filter.deviance == min(late) < late[-1] + 1e-9
+
+
+@pytest.mark.parametrize("seed", [2, 7, 12])
+def test_numbers_that_predict_best_are_found_where_a_joint_sticks_now_and_then(seed: int) -> None:
+    """Slopes promise more than steps keep there, and no step is small enough to end the search."""
+    start = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.1),), dt=0.02)
+    fit = horizon_fit(fit_parameters(sticking_joint(seed, start), start, ("J", "G", "coulomb.tau_c")), 1.0)
+    assert fit is not None and fit.converged
     np.testing.assert_allclose(fit.values, [0.04, 2.4, 0.5], rtol=0.1)
 
 

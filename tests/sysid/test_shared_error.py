@@ -108,7 +108,7 @@ def test_a_joint_that_rests_most_of_the_time_is_read_by_its_angle_all_the_same()
     record, wheel = Record(t=t, u=np.zeros(2000), theta=theta), Model(GeneralJoint(), dt=0.02)
     samples = Samples(wheel, [record], Sensor(theta=1e-3), speeds_share=True)
     assert np.mean(samples.weight[:, 0] > 0.0) < 0.5, "no rest was merged: the law says nothing"
-    assert not samples.shared, "no speed was read that could share an error"
+    assert not samples.error_channel, "no speed was read that could share an error"
     assert large_disturbances(samples).sigma_o > 0.0
 
 
