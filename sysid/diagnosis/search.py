@@ -313,6 +313,9 @@ class Search:
             tested = self.last | (scores(begun, refined) if refined else {})
             start = begin or [self._start(now, n, len(names) == 1, tested) for n in names]
             fit = extended(begun, start, QUICK)
+            for roomy in (e for name in names for e in fit.model.effect_named(name).with_room()):
+                other = extended(begun, [roomy if e.name == roomy.name else e for e in start], QUICK)
+                fit = min(fit, other, key=lambda f: f.deviance)
         except InvalidInput:
             return []
         merit = gain(fit, now, names) - self._price(names)

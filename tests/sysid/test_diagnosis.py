@@ -17,6 +17,7 @@ import pytest
 from sysid import (
     CATALOGUE,
     Coulomb,
+    Delay,
     Diagnosis,
     Effect,
     GeneralJoint,
@@ -305,6 +306,18 @@ def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[
     assert [t.name for t in found.contacts] == ["pushed"]
     assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.error.ratio < 1.15, "no model predicts what a hand does"
+
+
+@pytest.mark.parametrize("T", [0.25, 0.45, 0.8])
+def test_a_delay_may_be_longer_than_the_usual_memory_of_one(T: float) -> None:
+    model = rod()
+    u = [steps(np.random.default_rng(k), 600, DT, 2.0, 0.7) for k in range(3)]
+    run = simulate(model.with_effect(Delay(T, longest=1.0)), u, math.pi, 0.0)
+    found = diagnose(model, SENSOR.measure(run, np.random.default_rng(0)), SENSOR, effects=("delay", "lag", "coulomb"))
+    assert found.verdict == "missing" and [s.effect for s in found.steps] == ["delay"]
+    number = found.steps[0].parameters["delay.T"]
+    assert abs(number["value"] - T) < 4.0 * number["sd"] < 0.01
+    assert found.model.effect_named("delay").intervals(DT) == round((0.3 if T < 0.3 else 1.0) / DT)
 
 
 @pytest.mark.long

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -34,6 +34,12 @@ class Delay(DeadTime, InputEffect):
     confused = ("lag", "stamp", "sensor_delay", "filtered_speed")
     excludes = ("stamp",)
     stage = 1
+
+    def with_room(self) -> tuple[Delay, ...]:
+        """The same delay with a memory of a second, which costs more to simulate."""
+        if self.longest >= 1.0 or float(self.T) < 0.8 * self.longest:
+            return ()
+        return tuple(replace(self, T=T, longest=1.0) for T in (float(self.T), 0.45, 0.65, 0.95))
 
     def rest(self, dt: float) -> Memory:
         return (0.0,) * self.intervals(dt)

@@ -234,6 +234,16 @@ class Effect(Parametric):
         shown = extent._replace(u_max=extent.u_max or extent.inertia)
         return self.with_parameters({k: share * self.parameters[k].large(shown) for k, share in self.begins.items()})
 
+    def with_room(self) -> tuple[Self, ...]:
+        """The same effect with a wider bound, where a number has come near to one that is there for the sake of speed.
+
+        Returns
+        -------
+        tuple of Effect
+            It begins at several numbers.
+        """
+        return ()
+
     def at_neutral(self) -> Self:
         """The same effect with its parameters at the values at which it changes nothing.
 
