@@ -23,7 +23,9 @@ PROBE = 0.1
 LARGEST_PROBE = 0.01
 """Largest such step, as a share of the number's `scale`."""
 NEGLIGIBLE_FALL = 1e-4
-"""Share of the sum of squares by which the last step, or the second half of all evaluations, may still lower it."""
+"""Share of the sum of squares by which the last step, or all of the IDLE last evaluations, may still lower it."""
+IDLE = 4
+"""After so many evaluations that bring nothing a search has ended."""
 EXPLAINED = 1.05
 """RMS of the innovations, in units of the noise, up to which a model without a random torque explains its log."""
 FARTHEST_INERTIA = 2.0
@@ -126,10 +128,9 @@ class _Predictions:
 
     @property
     def stay(self) -> bool:
-        """Whether the later half of the evaluations has found no lower sum of squares than the earlier one. Where a
-        joint sticks now and then, slopes promise more than steps keep, and SciPy's criteria do not end the search."""
-        earlier = self.squares[: len(self.squares) // 2]
-        return min(self.squares) >= (1.0 - NEGLIGIBLE_FALL) * min(earlier)
+        """Whether the last evaluations have found no lower sum of squares than those before. Where a joint sticks now
+        and then, slopes promise more than steps keep, and SciPy's criteria do not end the search."""
+        return min(self.squares) >= (1.0 - NEGLIGIBLE_FALL) * min(self.squares[:-IDLE])
 
     def errors(self, values: Array) -> Array:
         """The errors (K R,)."""
