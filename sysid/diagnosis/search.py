@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -143,7 +142,13 @@ class Search:
             tried = sorted([*tried, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
         before, least = self.names, now.deviance - self.settings.close_deviance
         nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
-        among, more = tried, iter((partial(self._others, trials=tried), self._simulated, self._composites))
+        kinds = (
+            lambda: self._others(now, tried),
+            lambda: self._simulated(now),
+            lambda: self._composites(now),
+            lambda: self._finished(now, tried),
+        )
+        among, more = tried, iter(kinds)
         while True:
             while (chosen := self._chosen(now, tried, among, nothing)) is not None:
                 end = self._pruned(self._added(now, chosen, tried))
@@ -156,7 +161,7 @@ class Search:
             if others is None:
                 self.trials = self.trials or tried
                 return now, False
-            among = others(now)
+            among = others()
             tried = [*tried, *among]
 
     @property
@@ -271,6 +276,16 @@ class Search:
             if len(new) > 1 and all(set(new) != set(t.effects) for t in tried):
                 tried += self.trial(now, new)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _finished(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+        """The sound trial of the largest merit among those whose quick fit has not ended, fitted to its end: its
+        predictions may have failed for that."""
+        unfinished = [t for t in trials if t.merit > 0.0 and not t.fit.converged]
+        for best in sorted(unfinished, key=lambda t: t.merit, reverse=True):
+            if self._is_sound(best, now, trials):
+                fit = settled(best.fit)
+                return [replace(best, fit=fit, merit=best.merit + gain(fit, best.fit, best.effects))]
+        return []
 
     def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
         """Fit an effect by the preferred member of its class, the effects that the log cannot tell from it; and, while
