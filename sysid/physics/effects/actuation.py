@@ -39,7 +39,9 @@ class Delay(DeadTime, InputEffect):
         """The same delay with a memory of a second, which costs more to simulate."""
         if self.longest >= 1.0 or float(self.T) < 0.8 * self.longest:
             return ()
-        return tuple(replace(self, T=T, longest=1.0) for T in (float(self.T), 0.45, 0.65, 0.95))
+        roomy = replace(self, longest=1.0)
+        begins = (float(self.T), 0.45, 0.65, 0.95)
+        return tuple(replace(roomy, T=T) for T in begins if T <= roomy.parameters["T"].bounds[1])
 
     def rest(self, dt: float) -> Memory:
         return (0.0,) * self.intervals(dt)
