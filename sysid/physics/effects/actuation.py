@@ -40,8 +40,8 @@ class Delay(DeadTime, InputEffect):
         if self.longest >= 1.0 or float(self.T) < 0.8 * self.longest:
             return ()
         roomy = replace(self, longest=1.0)
-        begins = (float(self.T), 0.45, 0.65, 0.95)
-        return tuple(replace(roomy, T=T) for T in begins if T <= roomy.parameters["T"].bounds[1])
+        begins, high = (float(self.T), 0.45, 0.65, 0.95), roomy.parameters["T"].bounds[1]
+        return tuple(replace(roomy, T=begun) for begun in begins if begun <= high)
 
     def rest(self, dt: float) -> Memory:
         return (0.0,) * self.intervals(dt)
