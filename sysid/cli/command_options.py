@@ -37,8 +37,7 @@ class LogOptions:
     "theta_dot=" leaves one out."""
 
     zero: Annotated[Literal["upright", "hanging"] | float | None, option("WHERE", default="upright")] = None
-    """Where the log's angle is 0, "upright" or "hanging"; or, as a number, the log's angle where the joint hangs.
-    Without gravity it is where a spring is slack."""
+    """Where the log's angle is 0, "upright" or "hanging"; or, as a number, the log's angle where the joint hangs."""
 
     flip_torque: Switch = False
     """A positive torque of the log lowers its angle."""

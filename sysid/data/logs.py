@@ -110,7 +110,7 @@ def needed_rate(records: Sequence[Record]) -> float:
 def read(
     *paths: File | Iterable[File],
     columns: str | Mapping[str, str] | None = None,
-    zero: Literal["upright", "hanging"] | float | None = None,
+    zero: Literal["upright", "hanging"] | float = "upright",
     flip_torque: bool = False,
     degrees: bool = False,
     begin: float | None = None,
@@ -138,9 +138,8 @@ def read(
         [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next) and rollout. A log
         without a torque is a free swing. "theta_dot=" leaves a column out; other columns are ignored. The command may
         be called u, command, force or after its kind (see `command`).
-    zero : {"upright", "hanging"} or float, optional
-        What the file's angle 0 means; a number is the file's angle where the joint hangs, so that 0 is "hanging". By
-        default it is upright, and for a `plant` that no gravity pulls it is where a spring is slack.
+    zero : {"upright", "hanging"} or float
+        What the file's angle 0 means; a number is the file's angle where the joint hangs, so that 0 is "hanging".
     flip_torque : bool
         The file's positive torque (current, voltage) lowers its angle.
     degrees : bool
@@ -171,10 +170,8 @@ def read(
     InvalidInput
         In one sentence, for anything that cannot be a log of a joint.
     """
+    hanging = _hanging(zero, degrees)
     check_kind("plant", plant, Plant | None, "a plant, such as RodPendulum()")
-    pulled = None if plant is None else float(plant.largest_gravity_torque) > 0.0
-    rest = plant.rest if plant is not None and not pulled else 0.0
-    hanging = math.pi - rest if zero is None else _hanging(zero, degrees)
     for name, said_so in (("flip_torque", flip_torque), ("degrees", degrees), ("thin", thin)):
         _check_choice(name, said_so, (True, False))
     _check_choice("command", command, get_args(Command))
@@ -208,7 +205,7 @@ def read(
     records, step, more = resampling.evenly(rollouts, dt)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
-        hangs = zero not in (None, "upright") if pulled is None else pulled
+        hangs = zero != "upright" if plant is None else float(plant.largest_gravity_torque) > 0.0
         for mend in (free_part, _about_one_turn) if hangs else (free_part,):
             mended = [mend(record) for record in records]
             records, more = tuple(record for record, _ in mended), (*more, *(said for _, said in mended if said))

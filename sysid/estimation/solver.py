@@ -62,7 +62,7 @@ SMALLEST = 1e-5
 VAGUE_TORQUE = 10.0
 """Prior sd of an effect's torque, as a multiple of the largest torque that the log shows: no log of use feels it."""
 ASTRAY = 0.1
-"""A fit that has not settled and ends above its best by this deviance per reading has lost its way."""
+"""A fit that has not converged and ends above its best by this deviance per reading has lost its way."""
 CALM = 8
 """A fit that goes to and fro has ended after so many short steps in a row that gain nothing together."""
 SETTLED_STEPS = 4

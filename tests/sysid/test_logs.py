@@ -14,7 +14,6 @@ from sysid import (
     LinearAxis,
     Model,
     Record,
-    Spring,
     Viscous,
     simulate,
     write_csv,
@@ -61,18 +60,6 @@ def test_a_zero_anywhere_is_told_by_where_the_joint_hangs(degrees, tmp_path):
     theirs = table(record) | {"theta": (np.rad2deg if degrees else np.asarray)(record.theta - math.pi) + at}
     theirs["theta_dot"] = (np.rad2deg if degrees else np.asarray)(record.theta_dot)
     same(read(write(tmp_path / "log.csv", theirs), zero=at, degrees=degrees)[0], record, rtol=1e-12)
-
-
-def test_without_gravity_a_spring_is_slack_at_the_logs_zero_unless_another_is_said(tmp_path):
-    (record,) = rollouts()
-    path = write(tmp_path / "log.csv", table(record))
-    floating, hanging, carriage = GeneralJoint(J=0.1, G=0.0), GeneralJoint(J=0.1, G=1.0), LinearAxis()
-    for zero, plant in ((None, floating), (None, hanging), (None, carriage), (None, None), ("upright", floating)):
-        (theirs,) = read(path, zero=zero, plant=plant)
-        assert theirs.theta is not None and record.theta is not None
-        moved = math.pi if zero is None and plant is floating else 0.0
-        np.testing.assert_allclose(theirs.theta, record.theta + moved, rtol=1e-12)
-    assert Model(floating, (Spring(k=2.0),)).acceleration(math.pi, 0.0, 0.0, 0.0) == 0.0
 
 
 @pytest.mark.parametrize("zero", ["upright", "hanging"])

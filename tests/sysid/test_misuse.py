@@ -219,7 +219,7 @@ MISUSES = {
     "read: arrays": (lambda: read(T, T), "log is .*: expected a path or a DataFrame"),
     "read: a record": (lambda: read(RECORD), "log is a Record: expected a path or a DataFrame"),
     "read: a log": (lambda: read(read(FRAME)), "log is a Record: expected a path or a DataFrame"),
-    "read: zero is no number": (lambda: read(FRAME, zero=math.nan), "zero = nan: expected upright, hanging"),
+    "read: no zero": (lambda: read(FRAME, zero=None), "zero = None: expected upright, hanging"),
     "read: zero in a list": (lambda: read(FRAME, zero=[0.0]), r"zero = \[0.0\]: expected upright, hanging"),
     "read: columns in a list": (lambda: read(FRAME, columns=["t", "theta"]), "columns is .*: expected .*t=time_s"),
     "read: plant by name": (lambda: read(FRAME, plant="joint"), "plant is 'joint': expected a plant, such as"),
