@@ -21,6 +21,7 @@ import numpy as np
 
 from sysid import Effect, InputEffect, InvalidInput, Joint, JointEffect, Model, Record, Sensor, State, ops
 from sysid.estimation.held_out import held_out_error
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
 from sysid.physics.effects.effect import Memory
@@ -221,7 +222,7 @@ class Windows:
 
     def __init__(self, weights: Weights, records: Sequence[Record], sensor: Sensor) -> None:
         self.weights = weights
-        self.response = Response(weights.base, records, sensor, cut(records, WINDOW))
+        self.response = Response(weights.base, Samples(weights.base, records, sensor), cut(records, WINDOW))
         past = [[np.concatenate([np.zeros(i), r.u])[: len(r)] for i in range(weights.taps)] for r in records]
         commands = np.concatenate([*(np.transpose(delayed) for delayed in past), np.zeros((1, weights.taps))])
         self.commands: Array = commands[self.response.interval]  # (K, L, taps), the latest first

@@ -193,9 +193,10 @@ def _compared(
     model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str], notes: tuple[str, ...]
 ) -> Comparison:
     lead = lead_of(model)
-    fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
-    near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
-    one_second, followed_fit = error_of(fit, 1.0), _followed(model, records, sensor)
+    samples = Samples(model, records, sensor)
+    fit = refit_windows(model, samples, cut(records, 1.0, lead))
+    near = refit_windows(model, samples, cut(records, 0.5, lead), fit)
+    one_second, followed_fit = error_of(fit, 1.0), _followed(samples, model)
     torque = None if followed_fit is None else torque_of(followed_fit)
     return Comparison(
         errors={
@@ -208,17 +209,17 @@ def _compared(
         whiteness={} if followed_fit is None else whiteness(followed_fit),
         causes=_causes(followed_fit, torque, names, one_second),
         worst=tuple(predicted(fit, [one_second.windows.index(w)], w.ratio) for w in one_second.worst),
-        records=tuple(records),
+        records=samples.records,
         notes=notes,
         sensor=sensor,
         units=model.plant.quantities,
     )
 
 
-def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | None:
+def _followed(samples: Samples, model: Model) -> Fit | None:
     """The fit of a random torque beside the model; None if the model runs away within a sample."""
     try:
-        return followed(Samples(model, records, sensor), model)
+        return followed(samples, model)
     except InvalidInput:
         return None
 

@@ -11,6 +11,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import Refit, error_of, lead_of, refit_windows
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.windows import cut
 from sysid.physics.model import Model
@@ -43,7 +44,8 @@ def typical(
     """A stretch of at most 10 s on which the first model's error is nearest to its median, predicted by each model from
     its first state, or `ahead` [s] at a time."""
     ahead = min(max(ahead, 1.0), LONGEST_STRETCH)
-    fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
+    samples = Samples(models[0], records, sensor)
+    fits = [refit_windows(m, samples, cut(records, ahead, lead_of(m))) for m in models]
     errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
     owner = np.array([w.record for w in fits[0].response.windows])
     most = max(1, round(LONGEST_STRETCH / ahead))
@@ -55,7 +57,7 @@ def typical(
 
 def throughout(model: Model, records: Sequence[Record], sensor: Sensor, ahead: float = 1.0) -> tuple[Prediction, ...]:
     """A model's predictions of each whole record, `ahead` [s] at a time, each window from its refitted state."""
-    fit = refit_windows(model, records, sensor, cut(records, ahead, lead_of(model)))
+    fit = refit_windows(model, Samples(model, records, sensor), cut(records, ahead, lead_of(model)))
     windows = error_of(fit, ahead).windows
     owner = np.array([w.record for w in fit.response.windows])
     windows_of = (np.flatnonzero(owner == k).tolist() for k in range(len(records)))
@@ -81,7 +83,7 @@ def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
             readings[c].append(np.append(y[at], np.nan))
             model[c].append(np.append((y - left)[at], np.nan))
     return Prediction(
-        record=response.records[response.windows[windows[0]].record].name,
+        record=response.samples.records[response.windows[windows[0]].record].name,
         t=np.concatenate(times),
         readings={c: np.concatenate(v) for c, v in readings.items()},
         model={c: np.concatenate(v) for c, v in model.items()},

@@ -58,7 +58,7 @@ def fisher_information(
         raise InvalidInput(
             f"starts has shape {np.shape(starts)}: expected ({len(samples.records)}, 2), theta and theta_dot a record"
         )
-    rolled = Response(model, samples.records, sensor, cut(samples.records)).states(np.asarray(starts, dtype=float))
+    rolled = Response(model, samples, cut(samples.records)).states(np.asarray(starts, dtype=float))
     x = np.concatenate([states[: len(r) + 1] for states, r in zip(rolled, samples.records, strict=True)])
     along = LinearisedModel(samples, model, Motion(x, np.zeros(len(x)), np.zeros((len(x), 3))))
     Z = along.system.filter(NO_DISTURBANCE).whiten(*along.changes(names))

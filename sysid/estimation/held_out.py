@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.json_file import plain_fields
-from sysid.data.record import Record, check_records
-from sysid.data.sensor import Sensor, check_sensor
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
@@ -114,33 +115,34 @@ def held_out_error(
     The refit of the states begins at those of `near`, if windows of 1 s have been refitted before.
     Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
     """
-    windows = cut(check_records(model, records), window, lead_of(model))
-    return error_of(refit_windows(model, records, sensor, windows, near), window)
+    samples = Samples(model, records, sensor)
+    return error_of(refit_windows(model, samples, cut(samples.records, window, lead_of(model)), near), window)
 
 
 def refit_windows(
-    model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window], near: Refit | None = None
+    model: Model | Sequence[Model], samples: Samples, windows: Sequence[Window], near: Refit | None = None
 ) -> Refit:
-    """Refit the initial states of windows.
+    """Refit the initial states of windows, with one model for all or with one for each (`Response`).
 
     - A long window is refitted through heads of growing length, since a long motion depends sharply on its start.
     - Short windows begin at the states of windows of 1 s if the angle is not read, since a short one does not tell it.
     - So do windows with a lead: the windows of 1 s are scored from their first instant on.
     """
-    check_sensor(sensor)
-    length = round(HEAD / model.dt)
+    length = round(HEAD / samples.dt)
     longest = max(w.count - w.lead for w in windows)
-    blind = 2 * longest <= length and (sensor.theta is None or not all(r.has_angles for r in records))
+    angles = samples.sensor.theta is not None and all(r.has_angles for r in samples.records)
+    blind = 2 * longest <= length and not angles
     if near is None and (blind or any(w.lead for w in windows)):
-        near = refit(Response(model, records, sensor, cut(records, HEAD)))
+        one = model if isinstance(model, Model) else model[0]
+        near = refit(Response(one, samples, cut(samples.records, HEAD)))
     starts = None if near is None else _states_at(near, windows)
     if near is not None:
         length *= 2
     while 2 * length < longest:
         heads = [replace(w, count=min(w.count, w.lead + length)) for w in windows]
-        starts = refit(Response(model, records, sensor, heads), starts, REFITS // 4).starts
+        starts = refit(Response(model, samples, heads), starts, REFITS // 4).starts
         length *= 2
-    return refit(Response(model, records, sensor, windows), starts)
+    return refit(Response(model, samples, windows), starts)
 
 
 def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
@@ -166,7 +168,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
     at = _linearised(response, x)
     cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
     for _ in range(most):
-        step, promised = _steps(at, damping, response.reach)
+        step, promised = _steps(at, damping, response.samples.reach)
         least = NEGLIGIBLE_DECREASE * np.maximum(1.0, 0.1 * cost)
         open_ = (promised > least) & ~stalled & (damping < 1e3)
         active = np.flatnonzero(open_)
@@ -181,7 +183,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         x = np.where(better[:, None], x + step, x)
         _replace(at, trial, active[better[active]], better[active])
         cost = np.where(better, after, cost)
-    basis = _triangle(at.S_x * response.reach)[0]
+    basis = _triangle(at.S_x * response.samples.reach)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
 
 
@@ -192,7 +194,7 @@ def error_of(fit: Refit, window: float) -> HeldOutError:
     free = (fit.scored - fit.leverage).reshape(K, 2, -1)
     weight = response.weight.reshape(squares.shape)
     raw = np.divide(squares, weight**2, out=np.zeros_like(squares), where=weight > 0.0)
-    read = [(k, c) for k, c in enumerate(CHANNELS) if getattr(response.sensor, c) is not None]
+    read = [(k, c) for k, c in enumerate(CHANNELS) if getattr(response.samples.sensor, c) is not None]
     ratios, rms = ({c: _root(of[:, k], free[:, k]) for k, c in read} for of in (squares, raw))
     return HeldOutError(
         window=window,
@@ -209,7 +211,7 @@ def error_of(fit: Refit, window: float) -> HeldOutError:
 
 
 def _named(response: Response, window: Window, ratio: float) -> WindowError:
-    record = response.records[window.record]
+    record = response.samples.records[window.record]
     begin, end = window.begin + window.lead, window.begin + window.count
     return WindowError(record.name, float(record.t[begin]), float(record.t[end]), ratio)
 

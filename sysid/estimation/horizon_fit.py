@@ -117,8 +117,7 @@ class _Predictions:
 
     def __init__(self, fit: Fit, windows: tuple[Window, ...]) -> None:
         self.fit, self.windows = fit, windows
-        samples = fit.samples
-        self.at = refit_windows(fit.model, samples.records, samples.sensor, windows)
+        self.at = refit_windows(fit.model, fit.samples, windows)
         self.values, self.starts, self.squares = fit.values, self.at.starts, [float(np.sum(self.at.lin.e**2))]
         parameters = [fit.model.parameters[n] for n in fit.names]
         self.low, self.high = np.array([p.bounds for p in parameters]).T
@@ -159,5 +158,4 @@ class _Predictions:
         return self.at
 
     def _response(self, values: Array) -> Response:
-        model, samples = self.fit.model.with_numbers(self.fit.names, values.tolist()), self.fit.samples
-        return Response(model, samples.records, samples.sensor, self.windows)
+        return Response(self.fit.model.with_numbers(self.fit.names, values.tolist()), self.fit.samples, self.windows)

@@ -19,8 +19,6 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Record, check_records
-from sysid.data.sensor import Sensor
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
 from sysid.estimation.windows import Window
@@ -52,79 +50,77 @@ class Linearisation:
 
 
 class Response:
-    """A model on K windows of a log, with the initial states (K, 2) as the only unknowns.
+    """A model on K windows of a log, with the initial states (K, 2) as the only unknowns; or K models that differ in
+    their numbers alone, one for each window.
 
     States of dynamic effects begin each window where a Kalman smoother over the whole log finds them.
     """
 
-    def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]) -> None:
-        self.model, self.sensor = model, sensor
-        self.records = check_records(model, records)
-        self.windows = tuple(windows)
+    def __init__(self, model: Model | Sequence[Model], samples: Samples, windows: Sequence[Window]) -> None:
+        self.samples, self.windows = samples, tuple(windows)
+        of_windows = (model,) * len(self.windows) if isinstance(model, Model) else model
+        self.models = tuple({id(m): m for m in of_windows}.values())
+        self.model, number = self.models[0], {id(m): i for i, m in enumerate(self.models)}
+        self._model_of = np.array([number[id(m)] for m in of_windows], dtype=np.intp)
         self.length = max(w.count for w in self.windows)
         self._gather()
 
     def _gather(self) -> None:
         """Set readings and weights 1/sd, padded to (K, 2, L+1), and the index in the whole log of each interval."""
         K, L = len(self.windows), self.length
-        first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
+        records = self.samples.records
+        first = np.concatenate([[0], np.cumsum([len(r) for r in records])])
         self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
         self.time, self.time_since_start = np.zeros((K, L + 1)), np.zeros((K, L + 1))
         self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
-        read = [self.sensor.readings(r) for r in self.records]
+        read = [self.samples.sensor.readings(r) for r in records]
         for i, w in enumerate(self.windows):
             record, begin, count, lead = w.record, w.begin, w.count, w.lead
             self.interval[i, :count] = first[record] + begin + np.arange(count)
             since = self.model.dt * (begin + np.arange(L + 1))
             self.time[i], self.time_since_start[i] = (
-                self.records[record].t[0] + since,
-                self.records[record].time_since_start[0] + since,
+                records[record].t[0] + since,
+                records[record].time_since_start[0] + since,
             )
             values, sds = read[record]
             self.y[i, :, : count + 1] = values[begin : begin + count + 1].T
             self.weight[i, :, lead : count + 1] = 1.0 / sds[begin + lead : begin + count + 1].T
-            if begin + count < len(self.records[record]):
+            if begin + count < len(records[record]):
                 self.weight[i, :, count] = 0.0  # that instant is the next window's first, and counts there
-
-    @cached_property
-    def _samples(self) -> Samples:
-        return Samples(self.model, self.records, self.sensor)
-
-    @property
-    def reach(self) -> float:
-        """A large way for this log [rad] (`Extent`)."""
-        return self._samples.reach
 
     @cached_property
     def _first(self) -> Index:
         """The instants (K,) of the whole log at which the windows begin."""
-        return np.array([int(self._samples.first[w.record]) + w.begin for w in self.windows], dtype=np.intp)
+        return np.array([int(self.samples.first[w.record]) + w.begin for w in self.windows], dtype=np.intp)
 
     @cached_property
     def starts(self) -> Array:
         """States (K, 2) at which a refit begins: the smoothed readings at the windows' first instants."""
-        return self._samples.smoothed[self._first]
+        return self.samples.smoothed[self._first]
 
     @cached_property
     def _inner(self) -> Array:
         """States (K, n - 2) of the dynamic effects at the windows' first instants."""
         if not self.model.dynamic_effects:
             return np.empty((len(self.windows), 0))
-        size = level(self._samples)
-        linearised = LinearisedModel(self._samples, self.model, smoothed_motion(self._samples, size))
-        states = linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
-        return states[self._first]
+        size, states = level(self.samples), []
+        for model in self.models:
+            linearised = LinearisedModel(self.samples, model, smoothed_motion(self.samples, size))
+            states.append(linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:])
+        return np.array(states)[self._model_of, self._first]
 
     @cached_property
     def commands(self) -> Array:
         """The commands of the whole log (N,)."""
-        return np.concatenate([r.u for r in self.records])
+        return np.concatenate([r.u for r in self.samples.records])
 
     @cached_property
     def drives(self) -> Array:
-        """Drive torques (N + 1, S) of the whole log; the last row is padding."""
-        torques = self._samples.drives(self.model)[self._samples.follows]
-        return np.concatenate([torques, np.zeros((1, self.model.integrator.substeps))])
+        """Drive torques (V, N + 1, S) of the whole log; the last row is padding. V is 1 for models without input
+        effects, else the number of models."""
+        models = self.models if self.model.input_effects else self.models[:1]
+        torques = np.array([self.samples.drives(model)[self.samples.follows] for model in models])
+        return np.pad(torques, [(0, 0), (0, 1), (0, 0)])
 
     # motion --------------------------------------------------------------------------------------------------
 
@@ -137,13 +133,14 @@ class Response:
     def _inputs(self, among: Among) -> tuple[Array, Array, Array]:
         """The inputs of a mapped step beside states, a row for each interval: drive torques, time, model's numbers."""
         interval, time = self.interval[among], self.time_since_start[among, : self.length]
-        numbers = self.model.numbers(self._step.names)
-        repeated = np.broadcast_to(numbers, (interval.size, len(numbers)))
-        return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1), repeated
+        of = self._model_of[among]
+        numbers = np.array([model.numbers(self._step.names) for model in self.models])[of]
+        drives = self.drives[of[:, None] if len(self.drives) > 1 else 0, interval]
+        return drives.reshape(interval.size, -1), time.reshape(-1, 1), np.repeat(numbers, self.length, axis=0)
 
     def _rolled(self, step: casadi.Function, first: Array, among: Among) -> Array:
         """The values (K, L+1, V) that a step, rolled over windows, makes of their first values (K, V)."""
-        roll = step.mapaccum(self.length).map(len(first))
+        roll = _rolling(step, self.length).map(len(first))
         rest = evaluate_mapped(roll, first, *self._inputs(among)).reshape(len(first), self.length, -1)
         return np.concatenate([first[:, None], rest], axis=1)
 
@@ -157,8 +154,12 @@ class Response:
         """Readings (..., K, 2, L+1) of perfect sensors along states (..., K, L+1, 2) of windows."""
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
-        t = np.broadcast_to(self.time_since_start[among], states.shape[:-1])
-        return np.stack(self.model.read_record(states[..., 0], states[..., 1], t), axis=-2)
+        t, read = np.broadcast_to(self.time_since_start[among], states.shape[:-1]), np.swapaxes(states, -1, -2).copy()
+        for number, model in enumerate(self.models):
+            at = self._model_of[among] == number
+            theta, theta_dot = np.moveaxis(states[..., at, :, :], -1, 0)
+            read[..., at, :, :] = np.stack(model.read_record(theta, theta_dot, t[..., at, :]), axis=-2)
+        return read
 
     def _reading_slopes(self, states: Array, Z: Array, among: Among) -> Array:
         """Derivatives (K, 2, L+1, Q) of the readings along Q directions Z (K, L+1, 2, Q) of the states.
@@ -167,7 +168,7 @@ class Response:
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
-        h, size = 1e-6 * self.reach, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
+        h, size = 1e-6 * self.samples.reach, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
         up, down = (self.readings(states + s * direction, among) for s in (h, -h))
         return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
@@ -238,6 +239,12 @@ def _compiled(structure: _Structure) -> _Step:
     end = casadi.Function("step", [x, *others], [after], {"cse": True})
     inputs, outputs = casadi.vertcat(x, casadi.vec(S)), casadi.vertcat(after, casadi.vec(casadi.jtimes(after, x, S)))
     return _Step(names, end, casadi.Function("both", [inputs, *others], [casadi.densify(outputs)], {"cse": True}))
+
+
+@lru_cache(maxsize=64)
+def _rolling(step: casadi.Function, length: int) -> casadi.Function:
+    """A step rolled over so many intervals. It is kept, since making it takes as long as using it."""
+    return step.mapaccum(length)
 
 
 def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import HEAD, Refit, lead_of, refit_windows
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
@@ -119,19 +120,18 @@ def left_out_errors(
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
     windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST_PREDICTION, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
-    records, sensor = fit.samples.records, fit.samples.sensor
-    # where memories have to fill first, every block needs the states of the whole log: they are found once
-    near = refit_windows(fit.model, records, sensor, cut(records, HEAD)) if any(w.lead for w in windows) else None
-    errors = []
-    for group in groups:
-        block = [windows[i] for i in group]
-        errors.append(_squares(refit_windows(_without(fit, block, least_share), records, sensor, block, near)))
-    return PredictionErrors(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
+    # where memories have to fill first, windows need the states of the whole log
+    heads = cut(fit.samples.records, HEAD) if any(w.lead for w in windows) else None
+    near = refit_windows(fit.model, fit.samples, heads) if heads else None
+    models = [_without(fit, [windows[i] for i in group], least_share) for group in groups]
+    of_windows = [model for model, group in zip(models, groups, strict=True) for _ in group]
+    return PredictionErrors(*_squares(refit_windows(of_windows, fit.samples, windows, near)))
 
 
 def fitted_error(fit: Fit, seconds: float, sensor: Sensor) -> float:
     """The RMS error of predictions of the samples that were fitted, in units of the sensor noise."""
-    refitted = refit_windows(fit.model, fit.samples.records, sensor, windows_of(fit, seconds))
+    samples = Samples(fit.model, fit.samples.records, sensor)
+    refitted = refit_windows(fit.model, samples, windows_of(fit, seconds))
     return PredictionErrors(*_squares(refitted)).ratio
 
 
@@ -152,7 +152,7 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
         return samples.sensor
     from scipy.signal import fftconvolve
 
-    refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
+    refitted = refit_windows(fit.model, samples, windows_of(fit, seconds))
     weight = refitted.response.weight[:, 0]
     absorbed = refitted.basis.reshape(len(weight), 2, -1, 2)[:, 0] * weight[..., None]
     lags = samples.dt * np.arange(float(absorbed.shape[1]))
@@ -165,10 +165,9 @@ def widened_sensor(fit: Fit, seconds: float) -> Sensor:
 
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
     """The RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
-    records, sensor = fit.samples.records, fit.samples.sensor
-    windows = cut(records, seconds, max(lead_of(before), lead_of(after)))
-    a = refit_windows(before, records, sensor, windows)
-    b = refit_windows(after, records, sensor, windows, a)
+    windows = cut(fit.samples.records, seconds, max(lead_of(before), lead_of(after)))
+    a = refit_windows(before, fit.samples, windows)
+    b = refit_windows(after, fit.samples, windows, a)
     scored = a.scored > 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         apart = np.where(scored, a.lin.e - b.lin.e, 0.0)

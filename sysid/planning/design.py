@@ -125,8 +125,8 @@ class Pool:
     @cached_property
     def responses(self) -> dict[str, Response]:
         """The hypotheses as simulators of all rollouts at once."""
-        sensor, windows = self.conditions.sensor, cut(self.records)
-        return {name: Response(h.model, self.records, sensor, windows) for name, h in self.hypotheses.items()}
+        windows = cut(self.records)
+        return {name: Response(h.model, self.samples, windows) for name, h in self.hypotheses.items()}
 
     @cached_property
     def motions(self) -> dict[str, Array]:

@@ -22,6 +22,7 @@ from sysid import (
     simulate,
 )
 from sysid.estimation.held_out import held_out_error, lead_of, refit
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
 from tests.sysid import planted
@@ -91,7 +92,7 @@ def test_memories_are_full_and_dry_friction_is_followed(effect: object) -> None:
 def test_the_state_is_refitted_to_the_least_squares_optimum() -> None:
     model = rod().with_effect(Viscous(b=0.3))
     records = logs(rod())
-    fit = refit(Response(model, records, SENSOR, cut(records, 1.0)))
+    fit = refit(Response(model, Samples(model, records, SENSOR), cut(records, 1.0)))
     best = 0.5 * np.sum(fit.lin.e**2, axis=1)
     rng = np.random.default_rng(1)
     for size in (1e-4, 1e-2):

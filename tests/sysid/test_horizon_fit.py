@@ -53,8 +53,7 @@ def predicting(hidden: str) -> HorizonFit:
 
 
 def _errors(fit: HorizonFit, values: Array) -> Array:
-    model, samples = fit.model.with_numbers(fit.names, values.tolist()), fit.samples
-    return refit(Response(model, samples.records, samples.sensor, fit.windows)).lin.e
+    return refit(Response(fit.model.with_numbers(fit.names, values.tolist()), fit.samples, fit.windows)).lin.e
 
 
 @pytest.mark.parametrize("hidden", HIDDEN)

@@ -28,6 +28,7 @@ from sysid import (
     Viscous,
     simulate,
 )
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.output_error import CHANNELS, Response, evaluate_mapped
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import multisine
@@ -72,7 +73,7 @@ def test_derivatives_are_exact_for_every_effect(effect: Effect, horizon: float) 
     model = rod(effect)
     records = logs(model)
     for sensor in (SENSOR, SENSORS["angles"], SENSORS["speeds"]) if math.isfinite(horizon) else (SENSOR,):
-        response = Response(model, records, sensor, cut(records, horizon, 0.1))
+        response = Response(model, Samples(model, records, sensor), cut(records, horizon, 0.1))
         assert_exact(response, nudged(response))
 
 
@@ -82,8 +83,24 @@ def test_derivatives_are_exact_for_all_effects_at_once(
 ) -> None:
     model = Model(RodPendulum(m=1.0, l=0.9), all_effects, integrator, dt=DT)
     records = logs(model)
-    response = Response(model, records, SENSOR, cut(records, 0.6, 0.1))
+    response = Response(model, Samples(model, records, SENSOR), cut(records, 0.6, 0.1))
     assert_exact(response, nudged(response))
+
+
+def test_windows_with_models_of_their_own_are_windows_of_each_model(effect: Effect) -> None:
+    model = rod(effect)
+    other = model.with_numbers(model.parameters, [p.value + 0.05 * p.scale for p in model.parameters.values()])
+    samples = Samples(model, logs(model), SENSOR)
+    windows = cut(samples.records, 0.4, 0.1)
+    of_windows = [other if k % 3 else model for k in range(len(windows))]
+    together = Response(of_windows, samples, windows)
+    starts, some = nudged(together), np.arange(1, len(windows))
+    lin = together.linearise(starts[some], some)
+    for one in (model, other):
+        at = np.array([of_windows[k] is one for k in some])
+        alone = Response(one, samples, windows).linearise(starts[some][at], some[at])
+        np.testing.assert_allclose(lin.e[at], alone.e, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(lin.S_x[at], alone.S_x, rtol=0, atol=1e-5 * np.max(np.abs(alone.S_x)))
 
 
 LENGTHS = (1, 2, 37, 100, 151)
@@ -112,7 +129,7 @@ def test_windows_tile_the_records(length: float, lead: float) -> None:
 @pytest.mark.parametrize("lead", [0.0, 0.1])
 def test_every_reading_is_scored_once(sensor: Sensor, length: float, lead: float) -> None:
     records = logs(rod(), LENGTHS, sensor=sensor)
-    response = Response(rod(), records, sensor, cut(records, length, lead))
+    response = Response(rod(), Samples(rod(), records, sensor), cut(records, length, lead))
     times = [np.zeros((2, len(r) + 1)) for r in records]
     for window, weight, value in zip(response.windows, response.weight, response.y, strict=True):
         at = slice(window.begin, window.begin + window.count + 1)
@@ -152,12 +169,12 @@ def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[
     records = without_noise(run)
     truth = np.stack([run.theta, run.theta_dot], axis=-1)
 
-    whole = Response(model, records, SENSOR, cut(records))
+    whole = Response(model, Samples(model, records, SENSOR), cut(records))
     lin = whole.linearise(truth[:, 0])
     np.testing.assert_allclose(lin.states, truth, atol=1e-11)
     assert np.max(np.abs(lin.e)) < 1e-8, "readings are not those of the simulation"
 
-    windows = Response(model, records, SENSOR, cut(records, 0.4, 0.2))
+    windows = Response(model, Samples(model, records, SENSOR), cut(records, 0.4, 0.2))
     starts = np.array([truth[w.record, w.begin] for w in windows.windows])
     for w, states in zip(windows.windows, windows.states(starts), strict=True):
         np.testing.assert_allclose(states[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
@@ -171,7 +188,7 @@ def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> No
     rng = np.random.default_rng(2)
     run = simulate(model, multisine(rng, 400, DT, 2.0, 3.0)[None], math.pi, 0.0)
     record = Record(run.t, run.u[0], run.theta_read[0], run.theta_dot_read[0])
-    windows = Response(model, [record], SENSOR, cut([record], 1.0, 1.0))
+    windows = Response(model, Samples(model, [record], SENSOR), cut([record], 1.0, 1.0))
     starts = np.array([[run.theta[0, w.begin], run.theta_dot[0, w.begin]] for w in windows.windows])
     assert np.sqrt(np.mean(windows.linearise(starts).e ** 2)) < 0.3
 
@@ -179,7 +196,7 @@ def test_the_states_of_a_dynamic_effect_settle_before_a_window_is_scored() -> No
 def test_readings_that_no_window_holds_do_not_matter() -> None:
     """Padding and lead-in: neither residuals nor derivatives."""
     records = logs(rod(), (100, 33))
-    response = Response(rod(), records, SENSOR, cut(records, math.inf, 0.2))
+    response = Response(rod(), Samples(rod(), records, SENSOR), cut(records, math.inf, 0.2))
     lin = response.linearise(response.starts)
     padded = response.weight.reshape(2, -1) == 0.0
     assert np.count_nonzero(padded) == 2 * 67
@@ -198,7 +215,7 @@ def test_a_mapped_function_gives_what_casadi_gives_with_rows_for_columns() -> No
 def test_inputs_stay_as_they_are() -> None:
     model = rod(Viscous(b=0.1), Delay(T=0.03))
     records = logs(model)
-    response = Response(model, records, SENSOR, cut(records, 0.5))
+    response = Response(model, Samples(model, records, SENSOR), cut(records, 0.5))
     starts = response.starts.copy()
     once, again = response.linearise(starts), response.linearise(starts)
     np.testing.assert_array_equal(starts, response.starts)
