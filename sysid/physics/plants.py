@@ -238,6 +238,8 @@ class GeneralJoint(Plant):
 
     def gravity_torque(self, theta: Value) -> Value:
         """G sin(theta) [N m]."""
+        if isinstance(self.G, float) and self.G == 0.0:
+            return 0.0 * theta  # a wheel's log does not wait for sines
         return self.G * ops.sin(theta)
 
 
