@@ -10,7 +10,8 @@ import numpy as np
 
 from sysid.cli.command_options import ModelOptions
 from sysid.data.columns import Command
-from sysid.data.logs import Log, needed_rate
+from sysid.data.logs import Log
+from sysid.data.needed_rate import needed_rate
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free, without_scale

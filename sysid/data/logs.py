@@ -13,6 +13,7 @@ import numpy as np
 from sysid.data import checks, log_files, resampling
 from sysid.data.columns import Command, TimeUnit, chosen_columns, in_seconds, likely_columns, wanted_columns, with_signs
 from sysid.data.free_part import free_part
+from sysid.data.needed_rate import needed_rate
 from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
 from sysid.data.table import Table
@@ -22,10 +23,6 @@ from sysid.physics.plants import Plant
 
 File = str | PathLike[str] | Any
 """A path, or a pandas DataFrame."""
-FAST = 1e-4
-"""Share of a motion's power that may lie above the frequency of its fastest part (`needed_rate`)."""
-SHORT_PIECE = 0.2
-"""Pieces shorter than this share of the longest tell no rate: the course of a moment has a part at every frequency."""
 LEAST_AWAY = 1.5 * math.pi
 """Least angle [rad] from where a joint should hang that is taken for whole turns."""
 FEW = 0.1
@@ -81,30 +78,6 @@ class Log(Sequence[Record]):
 def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
     """The notes of a Log; records that come from elsewhere have none."""
     return records.notes if isinstance(records, Log) else ()
-
-
-def needed_rate(records: Sequence[Record]) -> float:
-    """The sample rate [Hz] that a motion needs: 20 samples in a period of its fastest part, and at least 100 Hz.
-
-    For a free swing, which answers no command, 50 Hz are enough. All but a ten-thousandth of the power of the angle (or
-    of the summed speeds, where no angle was read) lies below the frequency of the fastest part. White noise does not
-    count; its level is taken from the upper half of the frequencies.
-    """
-    fastest, longest = 0.0, max(map(len, records))
-    for r in (record for record in records if len(record) >= SHORT_PIECE * longest):
-        y = r.theta
-        if not r.has_angles and r.theta_dot is not None:
-            y = r.dt * np.cumsum(r.theta_dot)
-        if y is None or len(y) < 8:
-            continue
-        t = np.linspace(0.0, 1.0, len(y))
-        y = y - y[0] - (y[-1] - y[0]) * t  # without a trend: a step from end to begin would leak into all frequencies
-        power = np.abs(np.fft.rfft(y)) ** 2
-        noise, count = float(np.median(power[len(power) // 2 :])) / math.log(2.0), np.arange(len(power), 0, -1)
-        above = power[::-1].cumsum()[::-1]
-        moves = np.flatnonzero(above - noise * (count + 4.0 * np.sqrt(count)) > FAST * above[0])
-        fastest = max(fastest, (moves[-1] + 1.0) / (len(y) * r.dt)) if len(moves) else fastest
-    return max(100.0 if any(r.driven for r in records) else 50.0, 20.0 * fastest)
 
 
 def read(
@@ -202,7 +175,7 @@ def read(
             known = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[known] for key, column in part.items()})
             rollouts.append(_rows(name, part, hanging, flip_torque, degrees, command))
-    records, step, more = resampling.evenly(rollouts, dt)
+    records, step, more = resampling.evenly(rollouts, dt, thin)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing
         hangs = zero != "upright" if plant is None else float(plant.largest_gravity_torque) > 0.0

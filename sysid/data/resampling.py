@@ -7,11 +7,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data import digitisation
+from sysid.data.needed_rate import FREE_SWING_RATE, SAMPLES, fastest_part, needed_rate
 from sysid.data.record import Record
 from sysid.data.spikes import spikes
 from sysid.errors import InvalidInput
@@ -31,8 +33,12 @@ MOST_APART = 10.0
 SHORTEST_PREDICTED = 1.0
 """Seconds over which models predict: a log that gaps cut into shorter pieces is hardly of use."""
 COARSEST = 5.0
-"""Largest sample interval that bridges gaps, in intervals of the rows; a longer one would lose the motion."""
-BRIDGED = "rows come in bursts: a sample interval of {:g} s bridges nine in ten of the gaps between them"
+"""Largest sample interval that bridges gaps of a log in bursts whatever it shows, in intervals of its rows."""
+BRIDGED = "a sample interval of {:g} s bridges {} between rows, and the motion has nothing faster to show"
+IN_BURSTS = "rows come in bursts: a sample interval of {:g} s bridges {} between them"
+
+Resampled: TypeAlias = tuple[tuple[Record, ...], float, tuple[str, ...]]
+"""Records, their sample interval [s], and a note on each thing that was done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,7 @@ class Rows:
         return float(np.median(steps)) if len(steps) else 0.0
 
 
-def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
+def evenly(rollouts: Sequence[Rows], dt: float | None = None, thin: bool = True) -> Resampled:
     """Resample rollouts to one even interval: the records, the interval [s], and a note on each thing that was done.
 
     First the rows are put right. They are sorted by time, and readings that jump away and back count as missing
@@ -78,8 +84,9 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     Rounded stamps are made even; of rows with the same stamp the last is kept. A restart of the clock or a gap (a step
     above 3.5 typical ones, and 3.5 intervals of the grid) starts a new rollout.
 
-    The interval is dt if given, else the mean step, of logs at several rates that of the slowest. If rows come in
-    bursts and gaps leave hardly a second in one piece, it is an interval that bridges nine in ten of the gaps.
+    The interval is dt if given, else the mean step, of logs at several rates that of the slowest. A longer one bridges
+    all gaps, or nine in ten, if a log may be thinned and its motion needs no faster rate, or if rows come in bursts and
+    gaps leave hardly a second in one piece.
 
     Each instant of the grid gets its nearest row, moved there along the channel's local cubic, so that errors stay
     independent; interpolating between two rows would shrink the sensor's noise to as little as 0.7 times and correlate
@@ -104,12 +111,13 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
         raise InvalidInput(
             f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
         )
-    wider = 0.0 if dt else _wider(long, ordered, gaps, common)
-    if wider:
-        records, _, notes = evenly(rollouts, wider)
-        return records, wider, (*notes, BRIDGED.format(wider)) if wider > common else notes
     records = tuple(_record(p, common, tally) for p in long)
-    return records, common, (*held, *_notes(long, common, tally, gaps))
+    apart = records, common, (*held, *_notes(long, common, tally, gaps))
+    if dt or not gaps:
+        return apart
+    if any(gap <= GAP * common for gap in gaps):
+        return evenly(rollouts, common)
+    return _bridged(rollouts, gaps, common, thin, _in_bursts(long, ordered)) or apart
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
@@ -342,16 +350,28 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
     return tuple(done)
 
 
-def _wider(pieces: Sequence[Rows], rollouts: Sequence[Rows], gaps: Sequence[float], common: float) -> float:
-    """The sample interval [s] on whose grid there are fewer gaps; 0 if there is none. It is `common` if that bridges a
-    gap, else one that bridges nine in ten, if the gaps leave hardly a window to predict over."""
+def _bridged(
+    rollouts: Sequence[Rows], gaps: Sequence[float], common: float, thin: bool, in_bursts: bool
+) -> Resampled | None:
+    """The records at a longer interval that bridges gaps; None if the motion may need a faster rate."""
+    all_gaps, most = max(gaps) / GAP, float(f"{np.percentile(gaps, 90.0) / GAP:.2g}")
+    unit = 10.0 ** (math.floor(math.log10(all_gaps)) - 1)
+    for dt, which in ((math.ceil(all_gaps / unit) * unit, "all gaps"), (most, "nine in ten of the gaps")):
+        if not (dt > common and (in_bursts or dt <= 1.0 / FREE_SWING_RATE)):
+            continue
+        records, _, notes = evenly(rollouts, dt)
+        if (thin and dt * needed_rate(records) <= 1.0) or (in_bursts and dt * SAMPLES * fastest_part(records) <= 1.0):
+            return records, dt, (*notes, BRIDGED.format(dt, which))
+        if in_bursts and dt == most < COARSEST * common:
+            return records, dt, (*notes, IN_BURSTS.format(dt, which))
+    return None
+
+
+def _in_bursts(pieces: Sequence[Rows], rollouts: Sequence[Rows]) -> bool:
+    """Whether rows come in bursts, and gaps leave hardly a window to predict over."""
 
     def predictable(parts: Sequence[Rows]) -> float:
         lengths = [float(p.t[-1] - p.t[0]) for p in parts]
         return sum(length for length in lengths if length >= SHORTEST_PREDICTED) / sum(lengths)
 
-    if any(gap <= GAP * common for gap in gaps):
-        return common
-    bridging = float(f"{np.percentile(gaps, 90.0) / GAP:.2g}") if gaps else 0.0
-    apart = predictable(pieces) < 0.5 <= predictable(rollouts)
-    return bridging if apart and common < bridging < COARSEST * common else 0.0
+    return predictable(pieces) < 0.5 <= predictable(rollouts)

@@ -19,7 +19,8 @@ from sysid import (
     write_csv,
 )
 from sysid.data.checks import check_excitation
-from sysid.data.logs import needed_rate, read
+from sysid.data.logs import read
+from sysid.data.needed_rate import needed_rate
 from sysid.data.splitting import sample_of, split
 from tests.sysid.written import MODEL, REAL, SENSOR, of_real_machine, rollouts, same, table, write
 

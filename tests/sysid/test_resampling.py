@@ -86,6 +86,21 @@ def test_rows_in_bursts_are_taken_at_an_interval_that_bridges_most_gaps(tmp_path
     assert apart.dt < 0.04 and len(apart) > 20
 
 
+@pytest.mark.parametrize("frequency", [0.4, 8.0])
+def test_gaps_are_bridged_where_a_swing_has_nothing_faster_to_show(frequency, tmp_path):
+    """A logger at 100 Hz is kept waiting for 60 ms now and then."""
+    t = 0.01 * np.arange(3000)
+    t = np.delete(t, [k + j for k in range(200, 3000, 200) for j in range(5)])
+    rows = {"t": t, "theta": np.pi + np.sin(2.0 * np.pi * frequency * t), "torque": np.zeros(len(t))}
+    log = read(write(tmp_path / "log.csv", rows))
+    bridged = any("bridges all gaps between rows, and the motion has nothing faster to show" in n for n in log.notes)
+    assert bridged == (frequency < 1.0) and (len(log) == 1) == bridged
+    if bridged:
+        np.testing.assert_allclose(log[0].theta, np.pi + np.sin(2.0 * np.pi * frequency * log[0].t), atol=0.01)
+    kept = read(tmp_path / "log.csv", thin=False)
+    assert len(kept) == 15 and kept.dt == pytest.approx(0.01)
+
+
 def test_a_step_that_is_no_gap_at_the_rate_of_the_slowest_rollout_cuts_nothing(tmp_path):
     """Two rollouts, of which the faster lacks rows now and then, for no longer than the other's steps are."""
     t = 0.002 * np.arange(2000)
