@@ -20,7 +20,8 @@ from sysid.physics.model import Model
 COMMON = ("viscous", "coulomb", "torque_bias")
 """Effects that a first fit adds to the plant, so that friction and an offset do not bend inertia and gravity."""
 EQUAL_INERTIA = 0.05
-"""Relative difference of two inertias up to which fits from two guesses have ended at the same optimum."""
+"""Relative difference of two inertias (`_inertia_per_command`) up to which fits from two guesses have ended at the same
+optimum."""
 FIRST_CORRELATION_TIMES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: from nearly white to the length of a prediction."""
 
@@ -33,7 +34,7 @@ def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
 
 
 def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit]:
-    """The fits beside common effects from each initial guess, without those that end at the same inertia as another.
+    """The fits beside common effects from each initial guess, without those that end at the same optimum as another.
 
     One begins beside a limit of the drive too, where a regression shows one far below the largest command. A limit that
     is reached nearly always looks like a larger inertia, and no slope leads from there to it. The same holds for a
@@ -47,9 +48,17 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
             guesses.append((special, (*names, *special.names_of(effect))))
     for guess, free in guesses:
         helped = with_common(samples, guess, free)
-        if all(abs(math.log(helped.inertia / other.inertia)) > EQUAL_INERTIA for other in fits):
+        inertia = _inertia_per_command(helped)
+        if all(abs(math.log(inertia / _inertia_per_command(other))) > EQUAL_INERTIA for other in fits):
             fits.append(helped)
     return fits
+
+
+def _inertia_per_command(fit: Fit) -> float:
+    """The inertia for each unit of the torque that a command brings. A log may show the actuator's number, such as k_p
+    of a servo, while the inertia is known."""
+    actuator = fit.model.actuator
+    return fit.inertia if actuator is None else fit.inertia / float(getattr(actuator, actuator.scale))
 
 
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:

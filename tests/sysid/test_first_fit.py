@@ -35,13 +35,19 @@ from sysid.estimation.first_fit import (
     with_common,
     without_common,
 )
-from sysid.estimation.initial_guess import _least_inertia, coasting_guess, initial_guess, limited_guess
+from sysid.estimation.initial_guess import (
+    _least_inertia,
+    coasting_guess,
+    initial_guess,
+    initial_guesses,
+    limited_guess,
+)
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_shared_error
 from sysid.estimation.scores import scores
 from sysid.estimation.smoothed_start import smooth_states
-from sysid.estimation.solver import fit_parameters
+from sysid.estimation.solver import HELD, fit_parameters
 from sysid.estimation.torque_regression import telling_motion
 from sysid.planning.excitation import multisine
 from tests.sysid.planted import DT, under_control, with_memory
@@ -309,3 +315,19 @@ def test_first_fits_free_what_was_asked_for_and_common_effects_and_nothing_else(
     assert fits
     for fit in fits:
         assert {fit.model.parameters[n].owner for n in set(fit.names) - set(names)} <= set(COMMON)
+
+
+def test_two_guesses_of_a_servo_whose_inertia_is_known_are_two_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They end at the same inertia, and at other gains."""
+    machine = Model(GeneralJoint(J=0.05, G=0.0), (PositionServo(k_p=20.0, k_d=2.0),), RK4(10), dt=DT)
+    u = multisine(np.random.default_rng(0), 300, DT, 1.0, 1.0)
+    (record,) = SENSOR.measure(simulate(machine, u, u[0], 0.0), np.random.default_rng(1))
+    start = Model(GeneralJoint(J=0.05, G=0.0), (PositionServo(),), RK4(10), dt=DT)
+    samples, names = Samples(start, [record], SENSOR), ("position_servo.k_p", "position_servo.k_d")
+    guesses = initial_guesses(start, names, [record], SENSOR)
+    monkeypatch.setattr(
+        "sysid.estimation.first_fit.with_common",
+        lambda _, begun, free: fit_parameters(samples, begun, (), settings=HELD),
+    )
+    gains = [float(fit.model.parameters["position_servo.k_p"].value) for fit in first_fits(samples, start, names)]
+    assert gains == [float(guess.parameters["position_servo.k_p"].value) for guess in guesses]
