@@ -132,9 +132,9 @@ class Path:
         """The integral (N,) of a rate (K,) over the time of each half swing."""
         return np.add.reduceat(0.5 * (rate + np.append(rate[1:], 0.0)) * self.steps, self.begins)
 
-    def work(self, model: Model) -> Work:
-        """The work of a model's torque without friction."""
-        theta = self.places - self._zero(model)
+    def work(self, model: Model, zero: float) -> Work:
+        """The work of a model's torque without friction, where its sensor reads too large by `zero` [rad]."""
+        theta = self.places - zero
         still = np.zeros_like(theta)
         t = still + self.t[self.begins][:, None]
         torque = model.inertia() * (still + model.acceleration(theta, still, t, still))
@@ -145,9 +145,10 @@ class Path:
         with np.errstate(divide="ignore", invalid="ignore"):  # of a model that nothing brings back
             return Work(done / at_turns, scale / at_turns[:, None], at_turns)
 
-    def taken(self, model: Model) -> Array:
-        """What the frictions of a model take [J] along each half swing (N,)."""
-        theta, speed, still = self.theta - self._zero(model), self.theta_dot, np.zeros_like(self.theta)
+    def taken(self, model: Model, zero: float) -> Array:
+        """What the frictions of a model take [J] along each half swing (N,), where its sensor reads too large by `zero`
+        [rad]."""
+        theta, speed, still = self.theta - zero, self.theta_dot, np.zeros_like(self.theta)
         forward, backward = model.deceleration(theta, speed, self.t, still)
         dry = np.where(speed > 0.0, forward, backward) * np.abs(speed)
         at_rest, moving = (model.acceleration(theta, velocity, self.t, still) for velocity in (still, speed))
@@ -165,7 +166,7 @@ class Path:
             done[1:] += np.cumsum(torque * stretch.travel)
         return np.array([done[swing.intervals.stop] - done[swing.intervals.start] for swing in self.swings])
 
-    def _zero(self, model: Model) -> float:
+    def zero(self, model: Model) -> float:
         """By how much the model's sensor reads too large, on average [rad]."""
         if not model.output_effects:
             return 0.0
@@ -214,7 +215,7 @@ class EnergyBalance:
         if len(swings) < FEWEST:
             return None
         path = Path(samples, swings)
-        work = path.work(model)
+        work = path.work(model, path.zero(model))
         if not np.all(work.torque > 0.0):
             return None
         speed = np.abs(path.theta_dot)
@@ -239,8 +240,9 @@ class EnergyBalance:
 
         A model that nothing brings back takes nothing: its errors are the losses that the balance was made of.
         """
-        work = self.path.work(model)
-        left = work.loss - self.path.taken(model) / work.torque
+        zero = self.path.zero(model)
+        work = self.path.work(model, zero)
+        left = work.loss - self.path.taken(model, zero) / work.torque
         if not (np.all(work.torque > LEAST_TORQUE * self.work.torque) and np.all(np.abs(left) < LARGEST_LOSS)):
             left = self.work.loss
         white = _whitened(self.L, left[self.counts])

@@ -65,6 +65,7 @@ class Samples:
                 self.weight[begin : begin + blind] = 0.0
         self.error_channel = int(speeds_share and not self.reads(0))
         self._followed: dict[tuple[str, bytes], Array] = {}
+        self._followers: dict[tuple[str, int], casadi.Function] = {}
 
     def __len__(self) -> int:
         return len(self.number)
@@ -124,13 +125,15 @@ class Samples:
 
     def _follow(self, effect: DynamicEffect, rows: Array) -> Array:
         """The states (V, M, n) for the numbers `rows` (V, P), beginning each record at rest."""
-        step = _follower(effect, self.dt)
         theta, theta_dot = self.smoothed.T
         stretches = np.column_stack([theta_dot[:-1], theta_dot[1:], np.diff(theta)])
         followed = np.zeros((len(rows), len(self), len(effect.start_sd)))
         for first, last in pairwise(self.first.tolist()):
             inputs, count = stretches[first : last - 1].T, last - first - 1
-            along = step.mapaccum(count)
+            key = effect.name, count
+            if key not in self._followers:
+                self._followers[key] = _follower(effect, self.dt).mapaccum(count)
+            along = self._followers[key]
             for states, numbers in zip(followed, rows, strict=True):
                 states[first + 1 : last] = along(0, inputs, casadi.repmat(casadi.DM(numbers), 1, count)).full().T
         return followed

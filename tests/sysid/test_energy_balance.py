@@ -146,7 +146,7 @@ def test_half_swings_go_from_turning_point_to_turning_point() -> None:
     swings = half_swings(samples)
     half_period = math.pi / math.sqrt(20.0) * (1.0 + 0.9**2 / 16.0 + 11.0 * 0.9**4 / 3072.0)
     assert np.mean([half.t[-1] - half.t[0] for half in swings]) == pytest.approx(half_period, rel=1e-3)
-    loss = Path(samples, swings).work(JOINT).loss
+    loss = Path(samples, swings).work(JOINT, 0.0).loss
     assert math.sqrt(float(np.mean(loss**2))) < math.sqrt(2.0) * 1e-3
 
 
