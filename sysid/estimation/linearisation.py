@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -110,10 +111,19 @@ class Samples:
         if not model.input_effects:
             return np.repeat(self.commands[:, None], model.integrator.substeps, axis=1)
         drives = np.zeros((len(self), model.integrator.substeps))
-        for record, begin in zip(self.records, self.first.tolist(), strict=False):
-            torques = model.drive_record(np.concatenate([record.previous_commands, record.u]))
-            drives[begin : begin + len(record)] = torques[len(record.previous_commands) :]
+        for (past, length), alike in self._alike.items():
+            torques = model.drive_record(np.array([self.records[i].commands for i in alike]))
+            drives[self.first[alike][:, None] + np.arange(length)] = torques[:, past:]
         return drives
+
+    @cached_property
+    def _alike(self) -> dict[tuple[int, int], list[int]]:
+        """The numbers of the records with as many commands before them and as many of their own: of a log that gaps cut
+        into hundreds of pieces, most are alike."""
+        alike = defaultdict[tuple[int, int], list[int]](list)
+        for i, record in enumerate(self.records):
+            alike[len(record.previous_commands), len(record)].append(i)
+        return alike
 
     def follow_smoothed(self, effects: Sequence[DynamicEffect]) -> Array:
         """The states (V, M, n) of V effects of one kind along the smoothed readings, computed once and kept."""

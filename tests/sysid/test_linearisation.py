@@ -97,6 +97,16 @@ def test_records_of_all_lengths_stand_one_after_the_other_and_count_from_their_o
     np.testing.assert_array_equal(samples.drives(JOINT)[samples.follows, 0], np.concatenate([r.u for r in given]))
 
 
+def test_records_of_the_same_length_are_driven_as_each_alone() -> None:
+    model = Model(GeneralJoint(), SHOWN["all at once"], dt=DT)
+    first, *others = records(model, (40, 11, 40, 1))
+    pieces = [first.part(first_row, last_row) for first_row, last_row in ((5, 25), (20, 40))]
+    samples = Samples(model, [first, *others, *pieces], Sensor(theta=1e-3))
+    for record, begin in zip(samples.records, samples.first, strict=False):
+        alone = model.drive_record(record.commands)[len(record.previous_commands) :]
+        np.testing.assert_array_equal(samples.drives(model)[begin : begin + len(record)], alone)
+
+
 def test_slopes_are_the_models_derivatives() -> None:
     """Against those that CasADi takes of the same equations, exactly."""
     samples = Samples(SMOOTH, records(SMOOTH), SENSOR)
