@@ -93,7 +93,7 @@ def test_gaps_are_bridged_where_a_swing_has_nothing_faster_to_show(frequency, tm
     t = np.delete(t, [k + j for k in range(200, 3000, 200) for j in range(5)])
     rows = {"t": t, "theta": np.pi + np.sin(2.0 * np.pi * frequency * t), "torque": np.zeros(len(t))}
     log = read(write(tmp_path / "log.csv", rows))
-    bridged = any("bridges all gaps between rows, and the motion has nothing faster to show" in n for n in log.notes)
+    bridged = any("bridges all gaps between rows: the motion has nothing faster to show" in n for n in log.notes)
     assert bridged == (frequency < 1.0) and (len(log) == 1) == bridged
     if bridged:
         np.testing.assert_allclose(log[0].theta, np.pi + np.sin(2.0 * np.pi * frequency * log[0].t), atol=0.01)
