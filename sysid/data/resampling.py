@@ -34,7 +34,7 @@ SHORTEST_PREDICTED = 1.0
 """Seconds over which models predict: a log that gaps cut into shorter pieces is hardly of use."""
 COARSEST = 5.0
 """Largest sample interval that bridges gaps of a log in bursts whatever it shows, in intervals of its rows."""
-BRIDGED = "a sample interval of {:g} s bridges {} between rows: the motion has nothing faster to show (--dt keeps another)"
+BRIDGED = "an interval of {:g} s bridges {} between rows: the motion has nothing faster to show (--dt keeps another)"
 IN_BURSTS = "rows come in bursts: a sample interval of {:g} s bridges {} between them"
 
 Resampled: TypeAlias = tuple[tuple[Record, ...], float, tuple[str, ...]]
