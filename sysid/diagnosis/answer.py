@@ -35,6 +35,8 @@ DIAGNOSIS_FIELDS = (
 """What plain data tell of a diagnosis under its own names."""
 MOST_SHOWN = 12_000
 """Most samples of a log for which the residual torque is found once more, to show it."""
+NOISIER = 2.0
+"""Errors in units of the noise above which an answer that leaves nothing to explain says that the noise is larger."""
 NOT_THE_DRIVE = (
     "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
     "part of the log in which nothing touched it"
@@ -371,7 +373,16 @@ class Diagnosis:
             remarks.append(f"no fit has used what may be {OUTSIDE}: {'; '.join(map(str, self.contacts))}")
         if self.shared_error:
             remarks.append(self.shared_error_in_words)
+        if self.noisier:
+            remarks.append(self.noisier)
         return tuple(remarks)
+
+    @property
+    def noisier(self) -> str:
+        """A phrase that the readings are noisier than was found, if nothing is left that would explain their errors."""
+        if self.remaining is not None or not self.error.ratio > NOISIER:
+            return ""
+        return "no torque explains the errors that are left: the readings are noisier, at least in places"
 
     @property
     def shared_error(self) -> float:

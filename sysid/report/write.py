@@ -174,6 +174,8 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if answer.shared_error:
         says.append(f"It stands for this: {answer.shared_error_in_words}.")
+    if answer.noisier:
+        says.append(f"{typesetting.capital(answer.noisier)}.")
     if left is not None:
         says.insert(
             0, f"{left.share:.0%} of the {'mended ' if before else ''}model's squared error is more than noise."

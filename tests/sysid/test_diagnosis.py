@@ -371,6 +371,7 @@ def test_a_sensor_that_is_told_wrong_is_no_effect() -> None:
     found = diagnose(rod(), records_of("nothing"), Sensor(0.001, 0.05 / 3.0))
     assert found.verdict == "adequate"
     assert found.error.ratio == pytest.approx(3.0 * of("nothing").error.ratio, rel=0.1)
+    assert "the readings are noisier" in str(found) and "noisier" not in str(of("nothing"))
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
