@@ -111,13 +111,12 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None, thin: bool = True)
         raise InvalidInput(
             f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
         )
+    if gaps and not dt:
+        bridged = _bridged(rollouts, gaps, common, thin, _in_bursts(long, ordered))
+        if bridged or any(gap <= GAP * common for gap in gaps):
+            return bridged or evenly(rollouts, common)
     records = tuple(_record(p, common, tally) for p in long)
-    apart = records, common, (*held, *_notes(long, common, tally, gaps))
-    if dt or not gaps:
-        return apart
-    if any(gap <= GAP * common for gap in gaps):
-        return evenly(rollouts, common)
-    return _bridged(rollouts, gaps, common, thin, _in_bursts(long, ordered)) or apart
+    return records, common, (*held, *_notes(long, common, tally, gaps))
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:

@@ -11,12 +11,11 @@ from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_un
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import HeldOutError, error_of, lead_of, refit_windows
+from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import collinearity, price, scores
 from sysid.estimation.solver import QUICK, fit_parameters
-from sysid.estimation.windows import cut
 from sysid.physics.effects import CATALOGUE, Effect, Joint, JointEffect
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
@@ -111,8 +110,7 @@ def causes(fit: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause, 
 
 
 def _error(fit: Fit, error: HeldOutError) -> float:
-    windows = cut(fit.samples.records, error.window, lead_of(fit.model))
-    return error_of(refit_windows(fit.model, fit.samples, windows), error.window).ratio
+    return held_out_error(fit.model, fit.samples.records, fit.samples.sensor, error.window).ratio
 
 
 def _best(fit: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
