@@ -7,6 +7,9 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
 
 from sysid.data.checks import check_excitation
 from sysid.data.logs import notes_of
@@ -18,6 +21,7 @@ from sysid.diagnosis.answer import Diagnosis
 from sysid.diagnosis.conclusion import conclusion
 from sysid.diagnosis.confirmation import Confirmation
 from sysid.diagnosis.contacts import Contact, find_contacts, without_contacts
+from sysid.diagnosis.criteria import is_lowered
 from sysid.diagnosis.explanation import Evidence, friction_shown
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Search
@@ -118,10 +122,12 @@ def diagnose(
     longest = float(f"{max(len(r) * r.dt for r in held_out):.2g}")
     ahead = min(asked, longest, _foreseeable(model, names, training, sensor))
     settings = replace(settings, horizon=max(ahead, SHORTEST_HORIZON))
-    search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
+    search, base, contacts, mistakes = _searched(
+        lambda left: Search(left, sensor, chosen, settings), training, held_out, model, names
+    )
     end = search.end(base)
     widened = widened_sensor(end, settings.ahead)
-    held_out, more = _untouched(end, held_out, widened, settings.ahead)
+    held_out, more = (held_out, ()) if mistakes else _untouched(end, held_out, widened, settings.ahead)
     confirmed = Confirmation(Evidence(search, base, held_out, (*contacts, *more), widened))
     return conclusion(confirmed, records, notes, began)
 
@@ -138,22 +144,58 @@ def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], 
     return foreseeable(model, records)
 
 
+class _Searched(NamedTuple):
+    """A search through records, the fit that it began at, the contacts that were left out of it, and whether its model
+    takes for contacts what it lacks."""
+
+    search: Search
+    base: Fit
+    contacts: tuple[Contact, ...]
+    mistakes: bool
+
+
 def _searched(
-    search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
-) -> tuple[Search, Fit, tuple[Contact, ...]]:
-    """The search through the records without contacts, the fit that it began at, and the contacts."""
+    search_in: Callable[[Sequence[Record]], Search],
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    model: Model,
+    names: tuple[str, ...],
+) -> _Searched:
+    """The search through the records without contacts.
+
+    What looks like a contact may be what the model lacks. It is left out only if the model that is then found predicts
+    the held-out records better.
+    """
+    search, base, end = _best_search(search_in, records, model, names)
     contacts: tuple[Contact, ...] = ()
-    for restarts_left in reversed(range(MOST_RESTARTS + 1)):
-        search, base, end = _best_search(search_in, records, model, names)
-        perhaps = restarts_left and not end.undisturbed and not _is_astray(end, base, search)
-        beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
-        missing = missing_torque(end, needed_disturbances(base, beside)) if perhaps else None
-        touched = () if missing is None else find_contacts(end, missing, again=bool(contacts))
+    for _ in range(MOST_RESTARTS):
+        touched = _contacts(search, base, end, again=bool(contacts))
         rest = _without(touched, records)
         if rest is None:
             break
-        contacts, records = (*contacts, *touched), rest
-    return search, base, contacts
+        other = _best_search(search_in, rest, model, names)
+        if not _predicts_better(other[-1], end, held_out, search):
+            return _Searched(search, base, contacts, mistakes=not contacts)
+        (search, base, end), records, contacts = other, rest, (*contacts, *touched)
+    return _Searched(search, base, contacts, mistakes=False)
+
+
+def _contacts(search: Search, base: Fit, end: Fit, again: bool) -> tuple[Contact, ...]:
+    """The contacts in the torque that the final fit `end` of a search leaves missing; `base` is the fit of the model as
+    it came."""
+    if end.undisturbed or _is_astray(end, base, search):
+        return ()
+    beside = NO_DISTURBANCE if end.samples.driven else end.disturbances
+    return find_contacts(end, missing_torque(end, needed_disturbances(base, beside)), again=again)
+
+
+def _predicts_better(after: Fit, before: Fit, held_out: Sequence[Record], search: Search) -> bool:
+    """Whether the fit `after` predicts held-out records no worse than the fit `before` as a whole, and better by what
+    matters in the geometric mean over windows: where something touched the held-out records, both err alike."""
+    errors = [held_out_error(fit.model, held_out, search.sensor, search.settings.ahead) for fit in (after, before)]
+    new, old = (np.array([max(window.ratio, 1.0) for window in error.windows]) for error in errors)
+    better = float(np.mean(np.log(new / old))) < math.log1p(-search.settings.tolerance)
+    return better and is_lowered(errors[0].ratio, errors[1].ratio, 0.0)
 
 
 def _is_astray(end: Fit, base: Fit, search: Search) -> bool:

@@ -38,7 +38,8 @@ from sysid import (
 )
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import DIAGNOSIS_SCHEMA
-from sysid.diagnosis.confirmation import is_lowered
+from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.criteria import is_lowered
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.estimation.estimate import Estimate
@@ -306,6 +307,24 @@ def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[
     assert [t.name for t in found.contacts] == ["pushed"]
     assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.error.ratio < 1.15, "no model predicts what a hand does"
+
+
+def test_what_looks_like_a_hand_is_left_out_only_if_held_out_data_are_predicted_better_then(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A stretch that is taken for a push though nobody pushed stays, and the answer is the same."""
+    found, searched = of("speed"), records_of("speed")[0]
+    contact = Contact(searched.name or "log 0", 1.0, 2.5, 0.5)
+    claimed: list[bool] = []
+
+    def claims(*_: object, again: bool) -> tuple[Contact, ...]:
+        claimed.append(again)
+        return (contact,)
+
+    monkeypatch.setattr("sysid.diagnosis.diagnose.find_contacts", claims)
+    other = diagnose(rod(), records_of("speed"), SENSOR, effects=UNKNOWN["speed"][1])
+    assert claimed == [False] and other.contacts == ()
+    assert other.sentence == found.sentence
 
 
 @pytest.mark.parametrize("T", [0.25, 0.45, 0.8])
