@@ -33,7 +33,7 @@ STEADY = 0.05
 
 def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[tuple[Array, Array]]:
     """The readings of each record of a log, as `Sensor.readings` gives them, with those of half a second at rest merged
-    into one in its middle.
+    into one at its beginning: before the first reading of a record its motion would be free.
 
     The merged reading is their mean; its sd is no smaller than quantisation allows.
     """
@@ -56,7 +56,7 @@ def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[t
 def _representatives(
     values: Array, sds: Array, clear: NDArray[np.bool_], record: Record, least: float
 ) -> NDArray[np.intp]:
-    """The index (N+1,) of the sample that stands for each sample: itself or, at rest, the middle one of half a second.
+    """The index (N+1,) of the sample that stands for each sample: itself or, at rest, the first one of half a second.
 
     At rest no channel that shows the motion clearly, and is read at all samples, scatters by more than its noise, and
     the command scatters by `least` at most. If only the speed is read, it is also zero.
@@ -72,7 +72,7 @@ def _representatives(
         still &= (scatter < sd) & (shows[0] | (np.abs(level) < sd))
     for rest in np.split(at, np.flatnonzero(np.diff(still)) + 1):
         if still[rest[0]]:
-            at[rest] = np.minimum(rest[0] + (rest - rest[0]) // half * half + half // 2, rest[-1])
+            at[rest] = rest[0] + (rest - rest[0]) // half * half
     return at
 
 

@@ -37,6 +37,17 @@ def test_of_a_rest_one_reading_is_kept_in_half_a_second() -> None:
     assert np.mean(~at[inside]) == pytest.approx(DT / AROUND, rel=0.4)
 
 
+def test_a_motor_that_stands_at_first_stands_in_the_fit() -> None:
+    """Backwards its damped motion grows without bound, up to the first reading."""
+    truth = Model(GeneralJoint(J=0.1, G=0.0), (Viscous(b=3.0),), dt=DT)
+    u = np.where((T[:-1] < 2.0) | (T[:-1] > 7.0), 0.0, 3.0)
+    (motor,) = SENSOR.measure(simulate(truth, u, 0.0, 0.0), np.random.default_rng(0))
+    motor = Record(motor.t, motor.u, motor.theta)
+    assert not repeated(motor, SENSOR)[0] and np.mean(repeated(motor, SENSOR)[:50]) > 0.9
+    found = fit_parameters(Samples(truth, [motor], SENSOR), truth, ("J", "viscous.b"))
+    assert np.all(np.abs(found.motion.x[T < 1.5, 1]) < 0.05)
+
+
 def test_what_turns_steadily_does_not_rest() -> None:
     """Neither as fast as a speed alone can tell it, nor as slowly as an angle can."""
     assert not np.any(repeated(record(None, np.full(500, 2.0)), Sensor(theta_dot=0.001)))
