@@ -190,12 +190,13 @@ def _contacts(search: Search, base: Fit, end: Fit, again: bool) -> tuple[Contact
 
 
 def _predicts_better(after: Fit, before: Fit, held_out: Sequence[Record], search: Search) -> bool:
-    """Whether the fit `after` predicts held-out records no worse than the fit `before` as a whole, and better by what
-    matters in the geometric mean over windows: where something touched the held-out records, both err alike."""
+    """Whether the fit `after` predicts held-out records no worse than the fit `before` as a whole; and needs no random
+    torque, or predicts them better by what matters in the geometric mean over windows: where something touched the
+    held-out records, both err alike."""
     errors = [held_out_error(fit.model, held_out, search.sensor, search.settings.ahead) for fit in (after, before)]
     new, old = (np.array([max(window.ratio, 1.0) for window in error.windows]) for error in errors)
     better = float(np.mean(np.log(new / old))) < math.log1p(-search.settings.tolerance)
-    return better and is_lowered(errors[0].ratio, errors[1].ratio, 0.0)
+    return (better or after.undisturbed) and is_lowered(errors[0].ratio, errors[1].ratio, 0.0)
 
 
 def _is_astray(end: Fit, base: Fit, search: Search) -> bool:

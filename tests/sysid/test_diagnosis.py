@@ -309,6 +309,12 @@ def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[
     assert found.error.ratio < 1.15, "no model predicts what a hand does"
 
 
+def test_a_hand_is_named_though_a_random_torque_kept_its_push_out_of_the_numbers() -> None:
+    """Held-out data are predicted to the noise with and without it; without it the model lacks nothing."""
+    found = diagnose(rod(), pushed(logs(truth(), seed=5), 1, truth()), SENSOR, effects=FEW)
+    assert not found.steps and [t.name for t in found.contacts] == ["pushed"]
+
+
 def test_what_looks_like_a_hand_is_left_out_only_if_held_out_data_are_predicted_better_then(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
