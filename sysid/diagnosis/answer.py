@@ -332,8 +332,8 @@ class Diagnosis:
             added = [f"{names}{explains}"] if self.steps else []
             parts = [*added, self._friction_alone(self.friction), self._predicted()]
         elif self.verdict == "unknown":
-            beside = "".join(f" beside {step.effect}" for step in self.conventions)
-            parts = [f"no known effect pays{beside}", self._predicted(), *left]
+            beside = " and ".join(step.effect for step in self.conventions)
+            parts = [f"no known effect pays{beside and f' beside {beside}'}", self._predicted(), *left]
         elif self.verdict == "cannot tell":
             classes = "; ".join(" or ".join(s.indistinguishable) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]

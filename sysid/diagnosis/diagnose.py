@@ -163,8 +163,7 @@ def _searched(
 ) -> _Searched:
     """The search through the records without contacts.
 
-    What looks like a contact may be what the model lacks. It is left out only if the model that is then found predicts
-    the held-out records better.
+    What looks like a contact may be what the model lacks. It is left out only if that pays (`_pays_to_leave_out`).
     """
     search, base, end = _best_search(search_in, records, model, names)
     contacts: tuple[Contact, ...] = ()
@@ -174,7 +173,7 @@ def _searched(
         if rest is None:
             break
         other = _best_search(search_in, rest, model, names)
-        if not _predicts_better(other[-1], end, held_out, search):
+        if not _pays_to_leave_out(end, other[-1], held_out, search):
             return _Searched(search, base, contacts, mistakes=not contacts)
         (search, base, end), records, contacts = other, rest, (*contacts, *touched)
     return _Searched(search, base, contacts, mistakes=False)
@@ -189,14 +188,14 @@ def _contacts(search: Search, base: Fit, end: Fit, again: bool) -> tuple[Contact
     return find_contacts(end, missing_torque(end, needed_disturbances(base, beside)), again=again)
 
 
-def _predicts_better(after: Fit, before: Fit, held_out: Sequence[Record], search: Search) -> bool:
-    """Whether the fit `after` predicts held-out records no worse than the fit `before` as a whole; and needs no random
-    torque, or predicts them better by what matters in the geometric mean over windows: where something touched the
-    held-out records, both err alike."""
-    errors = [held_out_error(fit.model, held_out, search.sensor, search.settings.ahead) for fit in (after, before)]
-    new, old = (np.array([max(window.ratio, 1.0) for window in error.windows]) for error in errors)
+def _pays_to_leave_out(before: Fit, after: Fit, held_out: Sequence[Record], search: Search) -> bool:
+    """Whether the fit `after` contacts were left out predicts held-out records no worse than the fit `before` as a
+    whole; and needs no random torque, or predicts them better by what matters in the geometric mean over windows: where
+    something touched the held-out records, both err alike."""
+    was, now = (held_out_error(fit.model, held_out, search.sensor, search.settings.ahead) for fit in (before, after))
+    old, new = (np.array([max(window.ratio, 1.0) for window in error.windows]) for error in (was, now))
     better = float(np.mean(np.log(new / old))) < math.log1p(-search.settings.tolerance)
-    return (better or after.undisturbed) and is_lowered(errors[0].ratio, errors[1].ratio, 0.0)
+    return (better or after.undisturbed) and is_lowered(now.ratio, was.ratio, 0.0)
 
 
 def _is_astray(end: Fit, base: Fit, search: Search) -> bool:
