@@ -126,7 +126,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"cannot write {options.log}: expected a folder that can be written")
 
     import sysid
-    from sysid.report.write import write_report
 
     options.log.mkdir(parents=True, exist_ok=True)
     files = [options.log / f"swing{k}.csv" for k in range(1, ROLLOUTS + 1)]
@@ -139,6 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     draw(diagnosis, log, options.figure)
     print(f"\nlog: {options.log}\nfigure: {options.figure}")
     if options.html is not None:
+        from sysid.report.write import write_report
+
         options.html.parent.mkdir(parents=True, exist_ok=True)
         write_report(diagnosis, options.html)
         print(f"report: {options.html}")

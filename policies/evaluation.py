@@ -97,9 +97,9 @@ class Evaluation:
         tuple of two floats
             The lower and the upper end.
         """
-        from scipy.stats import t
+        from scipy.special import stdtrit
 
-        half = float(t.ppf(0.5 + 0.5 * level, len(self.returns) - 1)) * self.sem
+        half = float(stdtrit(len(self.returns) - 1, 0.5 + 0.5 * level)) * self.sem
         return self.mean - half, self.mean + half
 
     def __str__(self) -> str:

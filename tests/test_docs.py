@@ -42,6 +42,16 @@ def test_slow_blocks_too(path, tmp_path, request):
     assert not mistakes, said(mistakes)
 
 
+def test_the_tutorial_shows_the_answer_that_the_readme_asks_for():
+    """It asks the same of the same log, in a slow block."""
+    answers = []
+    for page in (ROOT / "README.md", DOCS / "tutorials" / "log_to_model.md"):
+        (shown,) = (b.shows.text for b in blocks(page.read_text(encoding="utf-8")) if "sysid diagnose" in b.text)
+        answers.append([line for line in shown.splitlines() if line.startswith(("missing", "  "))])
+    readme, tutorial = answers
+    assert len(readme) > 4 and readme == tutorial[: len(readme)]
+
+
 PAGE = """
 ```sh
 mkdir here && cd here

@@ -1,4 +1,4 @@
-"""Spikes: single readings that jump away and back, as no joint moves."""
+"""Spikes: single readings, or two in a row, that jump away and back, as no joint moves."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from sysid.physics.ops import Array
 
 REACH = 3
 """Readings on either side from which a reading is predicted."""
+LONGEST = 2
+"""Most readings in a row that jump away together."""
 BEYOND = 12.0
 """Least size of a spike, in units of the typical error of such a prediction (of the quantisation step, if larger)."""
 SMALLEST = 0.01
@@ -27,6 +29,7 @@ def spikes(y: Array) -> NDArray[np.bool_]:
 
     A reading is a spike if it is as far off the parabola through its three predecessors as off that through its three
     successors, and far more than readings nearby. If a joint is hit, or its torque steps, one of the two still fits.
+    Of two readings in a row, the first is compared with its predecessors and the last with its successors.
     At the ends of a log, where there is one side only, readings beyond the largest step by far are spikes: what a
     sensor shows before it is ready, for example.
     """
@@ -39,11 +42,14 @@ def spikes(y: Array) -> NDArray[np.bool_]:
         return is_spike
     typical = max(float(np.median(np.abs(known))) / 0.6745, quantisation_step([y[np.isfinite(y)]]))
     least = max(BEYOND * typical, SMALLEST * float(np.nanstd(y)))
-    before, after = third[:-REACH], -third[REACH:]
-    size = np.minimum(np.abs(before), np.abs(after))
-    for k in np.flatnonzero((size > least) & (np.abs(before - after) < AGREEMENT * size)):
-        clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + REACH + 1 : k + 3 * REACH + 1]])
-        is_spike[k + REACH] = size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0)
+    for length in range(1, LONGEST + 1):
+        last = REACH + length
+        before, after = third[: 1 - last], -third[last - 1 :]
+        size = np.minimum(np.abs(before), np.abs(after))
+        for k in np.flatnonzero((size > least) & (np.abs(before - after) < AGREEMENT * size)):
+            clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + last : k + last + 2 * REACH]])
+            if size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0):
+                is_spike[k + REACH : k + last] = True
     read = np.flatnonzero(np.isfinite(y) & ~is_spike)
     if len(read) < 4 * REACH:
         return is_spike

@@ -220,7 +220,8 @@ from policies import Band, SACPopulation, SACSettings, tune_cpu
 
 tune_cpu(threads=1)
 from study.paper.protocol import paper_model
-agents = SACPopulation(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), SACSettings(hidden=(64, 64)))
+settings = SACSettings(hidden=(64, 64), random_steps=100)
+agents = SACPopulation(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), settings)
 agents.train(agents.settings.random_steps + 5)
 storages = [found.untyped_storage() for found in gc.get_objects() if isinstance(found, torch.Tensor)]
 print(sum({storage.data_ptr(): storage.nbytes() for storage in storages}.values()))

@@ -1,6 +1,7 @@
-"""A study that is killed at random moments, as by a power cut, and started again: the numbers of one that ran through.
+"""A study leaves an answer that can be looked up, and so does one that is killed at random moments, as by a power cut.
 
-Workers, the driver and all of them at once are killed; nobody cleans up.
+Workers, the driver and all of them at once are killed; nobody cleans up. Started again, the study gives the numbers of
+one that ran through.
 """
 
 import contextlib
@@ -15,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from study.paper.presets import SMOKE
 
 ROOT = Path(__file__).resolve().parents[2]
 STEPS = 3500
@@ -97,9 +100,43 @@ def table(path):
     return [[value for k, value in enumerate(row) if k not in times] for row in rows]
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The folder of a study that ran through, and what it printed."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    code, out, said = Study(folder).end()
+    assert code == 0, said
+    return folder, out
+
+
 @pytest.mark.long
-def test_killed_six_times_and_resumed_a_study_gives_the_numbers_of_one_that_ran_through(tmp_path):
-    struck, undisturbed = tmp_path / "struck", tmp_path / "undisturbed"
+def test_a_study_ends_with_its_answer_and_files(undisturbed):
+    folder, said = undisturbed
+    assert "What were the first rollouts worth?" in said
+    assert f"report   {folder / 'report.html'}" in said
+    made = {path.name for path in folder.iterdir()}
+    assert made == {
+        "results.sqlite", "runs.csv", "references.csv", "study.json", "report.html",
+        "heatmap.png", "pareto.png", "curves.png", "policies",
+        "published_heatmap.png", "published_pareto.png",
+    }  # fmt: skip
+    assert (folder / "runs.csv").read_text().count("\n") == 1 + len(SMOKE.cells)
+
+
+@pytest.mark.long
+def test_a_finished_study_is_only_drawn_again(undisturbed):
+    folder, _ = undisturbed
+    database = (folder / "results.sqlite").read_bytes()
+    (folder / "heatmap.png").unlink()
+    code, _, said = Study(folder).end()
+    assert code == 0, said
+    assert (folder / "heatmap.png").exists()
+    assert (folder / "results.sqlite").read_bytes() == database
+
+
+@pytest.mark.long
+def test_killed_six_times_and_resumed_a_study_gives_the_numbers_of_one_that_ran_through(tmp_path, undisturbed):
+    struck, (unstruck, _) = tmp_path / "struck", undisturbed
     rng = np.random.default_rng(0)
     study = Study(struck)
     study.wait_for_checkpoint()
@@ -124,8 +161,6 @@ def test_killed_six_times_and_resumed_a_study_gives_the_numbers_of_one_that_ran_
     code, _, said = study.end()
     assert code == 0, said
 
-    code, _, said = Study(undisturbed).end()
-    assert code == 0, said
     for name in ("runs.csv", "references.csv"):
-        assert table(struck / name) == table(undisturbed / name)
+        assert table(struck / name) == table(unstruck / name)
     assert not list(struck.glob("*.checkpoint*"))

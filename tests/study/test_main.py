@@ -1,4 +1,4 @@
-"""The command line: answers at once, refuses bad input, and leaves an answer that can be looked up."""
+"""The command line answers at once, and refuses bad input."""
 
 import re
 import resource
@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from study.main import main
-from study.paper.presets import SMOKE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -72,35 +71,3 @@ def test_bad_input_ends_with_a_sentence_and_code_2(arguments, texts, tmp_path, c
 def test_bad_input_ends_the_process_with_code_2_and_no_traceback():
     answer = study("--preset", "slow")
     assert answer.returncode == 2 and "Traceback" not in answer.stdout + answer.stderr
-
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("undisturbed")
-    answer = study("--preset", "smoke", "--out", folder)
-    assert answer.returncode == 0, answer.stderr
-    return folder, answer.stdout
-
-
-@pytest.mark.long
-def test_a_study_ends_with_its_answer_and_files(undisturbed):
-    folder, said = undisturbed
-    assert "What were the first rollouts worth?" in said
-    assert f"report   {folder / 'report.html'}" in said
-    made = {path.name for path in folder.iterdir()}
-    assert made == {
-        "results.sqlite", "runs.csv", "references.csv", "study.json", "report.html",
-        "heatmap.png", "pareto.png", "curves.png", "policies",
-        "published_heatmap.png", "published_pareto.png",
-    }  # fmt: skip
-    assert (folder / "runs.csv").read_text().count("\n") == 1 + len(SMOKE.cells)
-
-
-@pytest.mark.long
-def test_a_finished_study_is_only_drawn_again(undisturbed):
-    folder, _ = undisturbed
-    database = (folder / "results.sqlite").read_bytes()
-    (folder / "heatmap.png").unlink()
-    assert study("--preset", "smoke", "--out", folder).returncode == 0
-    assert (folder / "heatmap.png").exists()
-    assert (folder / "results.sqlite").read_bytes() == database

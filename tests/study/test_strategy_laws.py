@@ -151,7 +151,7 @@ def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
     for n in (1, 25):
         situation = new_situation(n)
         records = BudgetedPlant(ELSEWHERE, "encoder", n, seed=8).play(Play(n))
-        drawn = BayesSim().posterior(situation, records)
+        drawn = BayesSim(epochs=500).posterior(situation, records)
         assert np.all((drawn >= 0.3) & (drawn <= 3.0))
         off = np.abs(np.mean(drawn, axis=0) - [1.5, 1.2]) / np.std(drawn, axis=0)
         assert np.all(off < 3.0), (n, off)

@@ -160,7 +160,7 @@ def test_an_axis_is_answered_in_whatever_unit_its_positions_came(unit: float) ->
     servo, limit = PositionServo(k_p=1.0, k_d=6e-3), TorqueSpeedLimit(limit=3e-4, k=3e-4 / 0.045)
     bounds = {"m": (1e-7, 1e4)}
     truth = Model(LinearAxis(m=6e-5, bounds=bounds), (servo, limit), dt=0.01)
-    t = truth.dt * np.arange(2000)
+    t = truth.dt * np.arange(1000)
     run = simulate(truth, 0.005 * np.sin(2.0 * math.pi * (0.3 + 1.5 * t / t[-1]) * t)[None], np.zeros(1), np.zeros(1))
     (record,) = Sensor(theta=1e-5).measure(run, np.random.default_rng(0))
     scaled = dataclasses.replace(record, u=unit * record.u, theta=unit * np.asarray(record.theta))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,14 +37,20 @@ def damped(*frictions: str) -> Model:
     return model
 
 
-def swing(model: Model, seed: int = 0, begin: float = 0.9, torque: float = 0.0, scale: float = 0.0) -> Record:
-    """50 s of a free swing, beside which a random torque of rms `torque` [N m] may act (T = 0.3 s), and whose angles
-    may be read from a scale that errs by `scale` [rad] five times a turn."""
-    rng, N = np.random.default_rng(seed), 2500
-    d = with_memory(torque * rng.standard_normal((1, N)), 0.3)
-    run = simulate(model, d, np.array([math.pi + begin]), np.zeros(1))
-    theta = run.theta[0] + scale * np.sin(5.0 * run.theta[0] + 1.0) + 1e-3 * rng.standard_normal(N + 1)
-    return Record(run.t, np.zeros(N), theta)
+def swings(model: Model, seeds: Sequence[int], torque: float = 0.0, scale: float = 0.0) -> list[Record]:
+    """50 s of a free swing for each seed, beside which a random torque of rms `torque` [N m] may act (T = 0.3 s), and
+    whose angles may be read from a scale that errs by `scale` [rad] five times a turn."""
+    rngs, N = [np.random.default_rng(seed) for seed in seeds], 2500
+    d = with_memory(torque * np.array([rng.standard_normal(N) for rng in rngs]), 0.3)
+    run = simulate(model, d, math.pi + 0.9, 0.0)
+    read = run.theta + scale * np.sin(5.0 * run.theta + 1.0)
+    noise = [1e-3 * rng.standard_normal(N + 1) for rng in rngs]
+    return [Record(run.t, np.zeros(N), theta + e) for theta, e in zip(read, noise, strict=True)]
+
+
+def swing(model: Model, scale: float = 0.0) -> Record:
+    """The first of `swings`, beside no random torque."""
+    return swings(model, [0], scale=scale)[0]
 
 
 def fitted(record: Record) -> Fit:
@@ -172,7 +179,7 @@ def test_beside_a_torque_that_acts_at_random_the_intervals_cover() -> None:
     intervals cover, 34 or more but for one set of logs in 300."""
     truth = np.array([20.0, 0.05, 0.03])
     model = damped("coulomb", "viscous")
-    logs = [Samples(model, [swing(model, seed, torque=0.1)], SENSOR) for seed in range(40)]
+    logs = [Samples(model, [log], SENSOR) for log in swings(model, range(40), torque=0.1)]
     fits = [
         fit_parameters(samples, model, NAMES, disturbances=Disturbances(1.0, 0.3), settings=QUIET) for samples in logs
     ]

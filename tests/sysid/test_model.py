@@ -29,7 +29,7 @@ def test_back_ends_agree_for_every_effect_alone(effect, integrator, agree):
 
 @pytest.mark.long
 def test_back_ends_agree_for_all_effects_together(plant, all_effects, agree):
-    agree(Model(plant, all_effects, RK4(), dt=0.02))
+    agree(Model(plant, all_effects, RK4(), dt=0.02), steps=80)
 
 
 @pytest.mark.parametrize("T", [0.0123, 0.03, 0.0591])

@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,6 +51,7 @@ HIDDEN = {
 }
 
 
+@cache
 def truth(torque="multisine", hidden=(), dt=0.02, seconds=8.0, n=8, speed=1.0, l=1.0, seed=0):  # noqa: E741
     rng = np.random.default_rng(seed)
     model = Model(RodPendulum(m=1.0, l=l), (Viscous(b=0.02), *hidden), RK4(substeps=max(1, round(dt / 0.005))), dt=dt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from sysid.estimation.prediction import fitted_error, widened_sensor
 from sysid.estimation.prediction_error import Fit, with_likely_shared_error, with_smooth_error
 from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
 from sysid.physics.ops import Array
+from sysid.physics.simulate import Trajectory
 from tests.sysid.planted import accelerated
 
 DT, NOISE, SHARED = 0.08, 6e-4, 0.0136
@@ -26,10 +28,16 @@ HANGING = GeneralJoint(J=0.1, G=0.925)
 MACHINE = Model(HANGING, (effect("drag", c=4e-4),), RK4(substeps=4), DT)
 
 
+@cache
+def swing_of(model: Model, seconds: float) -> Trajectory:
+    """A swing from 80 degrees."""
+    return simulate(model, np.zeros(round(seconds / model.dt)), math.pi + 1.4, 0.0)
+
+
 def filmed(seconds: float, T_o: float, seed: int) -> Record:
     """A swing from 80 degrees, of which a film tells the angle with an error that is correlated over T_o [s]."""
     rng, kept = np.random.default_rng(seed), math.exp(-DT / T_o)
-    swing = simulate(MACHINE, np.zeros(round(seconds / DT)), math.pi + 1.4, 0.0)
+    swing = swing_of(MACHINE, seconds)
     steps = SHARED * math.sqrt(1.0 - kept**2) * rng.standard_normal(len(swing.t))
     error = lfilter([1.0], [1.0, -kept], steps) + NOISE * rng.standard_normal(len(swing.t))
     return Record(swing.t, swing.u, swing.theta + error)
@@ -44,8 +52,7 @@ def smooth_error(rng: np.random.Generator, t: Array, T_f: float, size: float) ->
 
 def smoothly_filmed(model: Model, seconds: float, T_f: float, seed: int, size: float = 5e-3) -> Record:
     """A swing from 80 degrees, and a film's angle of it with a smooth error of the covariance that defines it."""
-    rng, dt = np.random.default_rng(seed), model.dt
-    swing = simulate(model, np.zeros(round(seconds / dt)), math.pi + 1.4, 0.0)
+    rng, swing = np.random.default_rng(seed), swing_of(model, seconds)
     error = smooth_error(rng, swing.t, T_f, size) + NOISE * rng.standard_normal(len(swing.t))
     return Record(swing.t, swing.u, swing.theta + error)
 

@@ -49,13 +49,17 @@ def test_a_joint_that_hits_a_stop_or_jolts_shows_no_spike(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_spikes_are_found_and_nothing_else(seed: int) -> None:
+@pytest.mark.parametrize("length", [1, 2])
+def test_spikes_are_found_and_nothing_else(seed: int, length: int) -> None:
+    """Two wrong readings in a row are wrong by about as much."""
     rng = np.random.default_rng(seed)
     theta, _ = motion(seed, DAMPED)
     at = 20 + 40 * np.arange(9) + rng.integers(0, 20, 9)
     seen = theta + 1e-3 * rng.standard_normal(len(theta))
-    seen[at] += rng.choice([-1.0, 1.0], 9) * rng.uniform(3.0, 6.0, 9)
-    np.testing.assert_array_equal(np.flatnonzero(spikes(seen)), at)
+    sizes = rng.choice([-1.0, 1.0], 9) * rng.uniform(3.0, 6.0, 9)
+    for k in range(length):
+        seen[at + k] += sizes * (1.0 + 0.02 * k)
+    np.testing.assert_array_equal(np.flatnonzero(spikes(seen)), np.sort([at + k for k in range(length)], axis=None))
 
 
 @pytest.mark.parametrize("seed", range(5))

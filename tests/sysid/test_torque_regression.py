@@ -32,9 +32,9 @@ B, TAU_C = 0.06, 0.22
 """Viscous and dry friction of the joint."""
 
 
-def followed(J: float, b: float, tau_c: float, scatter: float, seed: int = 0) -> Record:
+def followed(J: float, b: float, tau_c: float, scatter: float, seed: int = 0, seconds: float = 24.0) -> Record:
     """A joint that a controller holds to a path, whatever the torque for it: what no model foresees is slow."""
-    rng, t = np.random.default_rng(seed), DT * np.arange(round(24.0 / DT) + 1)
+    rng, t = np.random.default_rng(seed), DT * np.arange(round(seconds / DT) + 1)
     w, size = 2.0 * np.pi * np.array([0.11, 0.19, 0.31]), np.array([0.9, 0.4, 0.2])
     theta = np.sin(t[:, None] * w) @ size
     theta_dot, theta_ddot = np.cos(t[:, None] * w) @ (size * w), -np.sin(t[:, None] * w) @ (size * w * w)
@@ -331,7 +331,7 @@ def test_standard_errors_cover() -> None:
 @pytest.mark.parametrize("b", [B, -B])
 def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path(b: float) -> None:
     """Of dry friction that falls with speed, too, and names nothing else in its place."""
-    answer = diagnose(Model(GeneralJoint(), dt=DT), [followed(0.002, b, TAU_C, 0.03)], SENSOR)
+    answer = diagnose(Model(GeneralJoint(), dt=DT), [followed(0.002, b, TAU_C, 0.03, seconds=12.0)], SENSOR)
     assert answer.verdict == "partly" and not answer.steps and not answer.conventions
     assert answer.friction is not None
     assert abs(answer.friction.coulomb[0] - TAU_C) < 0.03

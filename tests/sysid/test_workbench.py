@@ -227,7 +227,7 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
     compile(lines, "lines", "exec")
     assert "own_effects.py" in str(bench.part("take", session))
     if importlib.util.find_spec("policies") is not None:
-        bench.trainings.begin(session, 2, 2.0, "--steps", "2000")
+        bench.trainings.begin(session, 2, 2.0, "--steps", "2000", "--no-references")
         waited(bench, session)
         assert "this policy" in (session.of(2) / Answer.TRAINING).read_text()
     session.drop_last_node()
