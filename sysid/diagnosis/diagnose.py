@@ -191,7 +191,10 @@ def _contacts(search: Search, base: Fit, end: Fit, again: bool) -> tuple[Contact
 def _pays_to_leave_out(before: Fit, after: Fit, held_out: Sequence[Record], search: Search) -> bool:
     """Whether the fit `after` contacts were left out predicts held-out records no worse than the fit `before` as a
     whole; and needs no random torque, or predicts them better by what matters in the geometric mean over windows: where
-    something touched the held-out records, both err alike."""
+    something touched the held-out records, both err alike. If what is left shows another inertia, what was left out is
+    where the drive acted."""
+    if abs(math.log(after.inertia / before.inertia)) > math.log(search.settings.inertia_factor):
+        return False
     was, now = (held_out_error(fit.model, held_out, search.sensor, search.settings.ahead) for fit in (before, after))
     old, new = (np.array([max(window.ratio, 1.0) for window in error.windows]) for error in (was, now))
     better = float(np.mean(np.log(new / old))) < math.log1p(-search.settings.tolerance)

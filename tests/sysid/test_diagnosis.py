@@ -17,10 +17,12 @@ import pytest
 from sysid import (
     CATALOGUE,
     Coulomb,
+    DCMotor,
     Delay,
     Diagnosis,
     Effect,
     GeneralJoint,
+    Lag,
     LinearAxis,
     Model,
     Record,
@@ -44,6 +46,7 @@ from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import held_out_error
+from sysid.estimation.prediction_error import Fit
 from sysid.planning.excitation import steps
 from sysid.web.samples import sample
 from tests.sysid.planted import (
@@ -331,6 +334,24 @@ def test_what_looks_like_a_hand_is_left_out_only_if_held_out_data_are_predicted_
     other = diagnose(rod(), records_of("speed"), SENSOR, effects=UNKNOWN["speed"][1])
     assert claimed == [False] and other.contacts == ()
     assert other.sentence == found.sentence
+
+
+def test_a_stretch_that_alone_shows_the_inertia_is_left_to_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one step of a motor's voltage, taken for a push: without it the rest is predicted well, whatever J is."""
+    motor = Model(GeneralJoint(J=0.008, G=0.0), (DCMotor(k=1.0, k_e=0.04),), dt=DT)
+    u = np.where(np.arange(600) < 150, 5.0, 15.0)
+    run = simulate(motor.with_effect(Lag(T=0.03)), u, 0.0, 125.0)
+    record = Record(run.t, u, theta_dot=run.theta_dot + 0.1 * np.random.default_rng(0).standard_normal(601))
+
+    def claims(fit: Fit, *_: object, again: bool) -> tuple[Contact, ...]:
+        claimed.append(again)
+        return tuple(Contact(r.name, 2.9, 4.4, 1.0) for r in fit.samples.records if r.t[0] < 3.0 < r.t[-1])
+
+    monkeypatch.setattr("sysid.diagnosis.diagnose.find_contacts", claims)
+    claimed, names = list[bool](), ("J", "dc_motor.k_e")
+    found = diagnose(motor.with_parameters({"J": 0.03}), [record], Sensor(theta_dot=0.1), None, ["drag"], names)
+    assert claimed == [False] and not found.contacts
+    assert found.estimate.values["J"] == pytest.approx(0.008, rel=0.3), "without the step it is 0.06"
 
 
 @pytest.mark.parametrize("T", [0.25, 0.45, 0.8])
