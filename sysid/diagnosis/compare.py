@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -186,17 +187,13 @@ def compare(
     notes = notes_of(records)
     records, names = check_records(model, records), parameters or ()
     model.check_names(names)
-    return _compared(model, records, sensor or found_sensor(model, records), names, notes)
-
-
-def _compared(
-    model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str], notes: tuple[str, ...]
-) -> Comparison:
-    lead = lead_of(model)
+    sensor, lead = sensor or found_sensor(model, records), lead_of(model)
     samples = Samples(model, records, sensor)
     fit = refit_windows(model, samples, cut(records, 1.0, lead))
     near = refit_windows(model, samples, cut(records, 0.5, lead), fit)
-    one_second, followed_fit = error_of(fit, 1.0), _followed(samples, model)
+    one_second, followed_fit = error_of(fit, 1.0), None
+    with suppress(InvalidInput):  # the model runs away within a sample
+        followed_fit = followed(samples, model)
     torque = None if followed_fit is None else torque_of(followed_fit)
     return Comparison(
         errors={
@@ -214,14 +211,6 @@ def _compared(
         sensor=sensor,
         units=model.plant.quantities,
     )
-
-
-def _followed(samples: Samples, model: Model) -> Fit | None:
-    """The fit of a random torque beside the model; None if the model runs away within a sample."""
-    try:
-        return followed(samples, model)
-    except InvalidInput:
-        return None
 
 
 def _causes(

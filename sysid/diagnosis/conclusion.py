@@ -148,7 +148,7 @@ class _Conclusion:
                 name,
                 (name, *self.search.inseparable(name)),
                 merit[name],
-                self._p_value(name),
+                min(1.0, p_value(first[name].lm, max(len(first[name].sizes), 1)) * len(first)),
                 error_after=self.evidence.error(fits[name]).ratio if name in fits else None,
                 fit=fits.get(name),
                 needed=self.evidence.needed,
@@ -156,10 +156,6 @@ class _Conclusion:
             )
             for name in order
         )
-
-    def _p_value(self, name: str) -> float:
-        score = self.search.first[name]
-        return min(1.0, p_value(score.lm, max(len(score.sizes), 1)) * len(self.search.first))
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Groups that no log of this kind separates: parameters with each other, and effects with what absorbs them."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from sysid.diagnosis.criteria import (
     NEGLIGIBLE_RISE,
@@ -18,8 +17,7 @@ from sysid.diagnosis.criteria import (
 from sysid.diagnosis.explanation import Evidence, Explanation, late_effects
 from sysid.diagnosis.friction_sets import FrictionSets, is_as_good, least_size
 from sysid.diagnosis.hidden_friction import hidden_friction
-from sysid.diagnosis.search import Addition, Search, all_but, contained_in
-from sysid.diagnosis.search_settings import SearchSettings
+from sysid.diagnosis.search import Addition, all_but, contained_in
 from sysid.estimation.energy_balance import FRICTIONS
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
@@ -30,11 +28,10 @@ from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.effects import CATALOGUE
 
 
-@dataclass(eq=False)
 class Confirmation:
     """The additions of a search that are believed, with the errors and missing torques on which that rests.
 
-    evidence     what explanations are judged by
+    evidence     what explanations are judged by; of it search, settings, and bare, the explanation without additions
     now          the explanation by the additions that stay
     unconfirmed  the names of the additions that were taken back
     weighed      names of additions -> the explanation by these
@@ -42,16 +39,12 @@ class Confirmation:
     friction     friction and load in the drive's torque, if no model explains how the motion follows from the torque
     """
 
-    evidence: Evidence
-    now: Explanation = field(init=False)
-    unconfirmed: list[str] = field(init=False, default_factory=list)
-    weighed: dict[tuple[str, ...], Explanation] = field(init=False, default_factory=dict)
-    as_likely: list[Explanation] = field(init=False, default_factory=list)
-    friction: FrictionAlong | None = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        self.now = self.bare
-        self.weighed[()] = self.bare
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence, self.search, self.settings = evidence, evidence.search, evidence.settings
+        self.now = self.bare = evidence.bare
+        self.unconfirmed, self.as_likely = list[str](), list[Explanation]()
+        self.weighed: dict[tuple[str, ...], Explanation] = {(): self.bare}
+        self.friction: FrictionAlong | None = None
         self._confirm()
         self._take_back_imitations()
         self._compare_frictions()
@@ -59,21 +52,6 @@ class Confirmation:
         self._find_hidden_friction()
         self._weigh_friction()
         self._take_numbers_that_predict_best()
-
-    @property
-    def search(self) -> Search:
-        """The search that found the additions."""
-        return self.evidence.search
-
-    @property
-    def settings(self) -> SearchSettings:
-        """What counts as evidence, and what matters."""
-        return self.evidence.settings
-
-    @property
-    def bare(self) -> Explanation:
-        """The explanation without additions."""
-        return self.evidence.bare
 
     @property
     def additions(self) -> tuple[Addition, ...]:

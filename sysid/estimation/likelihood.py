@@ -80,11 +80,7 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], sha
 
 
 def p_value(decrease: float, numbers: int) -> float:
-    """The probability that so many superfluous numbers decrease the deviance by more: the tail of chi squared.
+    """The probability that so many superfluous numbers decrease the deviance by more: the tail of chi squared."""
+    from scipy.special import chdtrc
 
-    Q(x; n) = Q(x; n - 2) + (x / 2)^(n / 2 - 1) exp(-x / 2) / Gamma(n / 2),   Q(x; 1) = erfc(sqrt(x / 2)),   Q(x; 0) = 0
-    """
-    half = float(np.clip(0.5 * decrease, 1e-300, 1e300))
-    tail = math.erfc(math.sqrt(half)) if numbers % 2 else 0.0
-    more = (math.exp((0.5 * n - 1.0) * math.log(half) - half - math.lgamma(0.5 * n)) for n in range(numbers, 1, -2))
-    return tail + math.fsum(more)
+    return float(chdtrc(max(numbers, 1), max(decrease, 0.0)))

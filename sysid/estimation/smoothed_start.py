@@ -80,38 +80,31 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
     [rad/s^3 s^1/2] drives the acceleration (reach as in `Extent`).
     """
     n, dt = len(record), record.dt
-    normal = _NormalEquations(3 * (n + 1))
+    band, right = np.zeros((6, 3 * (n + 1))), np.zeros(3 * (n + 1))  # of the normal equations
+
+    def add(
+        columns: list[NDArray[np.intp]], weights: list[float], sd: Array | float, target: Array | float = 0.0
+    ) -> None:
+        """Add equations  sum_i weights[i] x[columns[i]] = target  of this sd, one for each row of the columns."""
+        for i, weight in zip(columns, weights, strict=True):
+            right[i] += weight / sd**2 * target
+            for j, other in zip(columns, weights, strict=True):
+                if i[0] >= j[0]:
+                    band[i - j, j] += weight * other / sd**2
+
     values, sds = sensor.readings(record)
     for channel in range(2):
         at = np.flatnonzero(np.isfinite(sds[:, channel]))
         if len(at):
-            normal.add([3 * at + channel], [1.0], sds[at, channel], values[at, channel])
+            add([3 * at + channel], [1.0], sds[at, channel], values[at, channel])
     k = 3 * np.arange(n)
     exact = 1e-3 * max(reach, sensor.theta_dot or 0.0)  # much less would drown in rounding
-    normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
-    normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
-    normal.add([k + 2, k + 5], [1.0, -1.0], jerk * reach * math.sqrt(dt))
+    add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
+    add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
+    add([k + 2, k + 5], [1.0, -1.0], jerk * reach * math.sqrt(dt))
     # without any reading of the angle the start angle is arbitrary, and hanging is the likeliest; a much weaker pin
     # would drown in the rounding of the equations of motion
     pinned = 1e3 * reach if record.theta is not None and sensor.theta is not None else 1.0
-    normal.add([np.array([0])], [1.0], pinned, math.pi)
-    _, x, _ = dpbsv(normal.band, normal.right, lower=1)
+    add([np.array([0])], [1.0], pinned, math.pi)
+    _, x, _ = dpbsv(band, right, lower=1)
     return x.reshape(-1, 3)[:, :2]
-
-
-class _NormalEquations:
-    """The banded normal equations of  sum_i weights[i] x[columns[i]] = target  with standard deviations sd. The columns
-    of one equation lie at most five apart in x (N,)."""
-
-    def __init__(self, N: int) -> None:
-        self.band, self.right = np.zeros((6, N)), np.zeros(N)
-
-    def add(
-        self, columns: list[NDArray[np.intp]], weights: list[float], sd: Array | float, target: Array | float = 0.0
-    ) -> None:
-        """Add equations, one for each row of the columns."""
-        for i, weight in zip(columns, weights, strict=True):
-            self.right[i] += weight / sd**2 * target
-            for j, other in zip(columns, weights, strict=True):
-                if i[0] >= j[0]:
-                    self.band[i - j, j] += weight * other / sd**2
