@@ -406,7 +406,8 @@ class LinearisedModel:
         shown = samples.read(model, np.concatenate([x + h * shifts, x - h * shifts]))
         moved = (shown[:3] - shown[3:]) / (2.0 * h)
         H = np.stack([moved[0], moved[1] - moved[0] * t[:, None]], axis=2)
-        late = np.median(np.column_stack([-H[:, 0, 1], t - moved[2][:, 1]]), axis=0)
+        steady = moved[2][:, 1] / np.where(H[:, 1, 1] == 0.0, 1.0, H[:, 1, 1])  # a gain of the speed is not late
+        late = np.median(np.column_stack([-H[:, 0, 1], t - steady]), axis=0)
         self.ahead = (max(0, round(float(late[0]) / samples.dt)), max(0, round(float(late[1]) / samples.dt)))
         H, residual = self._moved_ahead(H * samples.weight[:, :, None]), self._moved_ahead(residual)
         H[:, 0, 1] += self.ahead[0] * samples.dt * H[:, 0, 0]

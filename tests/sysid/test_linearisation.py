@@ -190,6 +190,20 @@ def test_a_late_sensor_is_moved_to_the_instant_that_it_shows() -> None:
         assert not np.any(H[last - 3 : last]) and not np.any(linearised.system.r[last - 3 : last])
 
 
+@pytest.mark.parametrize("c", [0.5, 0.85, 1.3])
+def test_a_speed_that_reads_too_little_is_no_late_one(c: float) -> None:
+    """Scaled with its noise, it tells as much: the innovations are those of the speed as it is."""
+    made, disturbances = records(JOINT, (200, 120)), Disturbances(s=1.0, T=0.5, sigma_o=0.02, T_o=0.5)
+    plain = Samples(JOINT, made, SENSOR)
+    motion = near(plain)
+    gained = replace(JOINT, effects=(effect("velocity_gain", c=c),))
+    scaled = [replace(r, theta_dot=c * r.theta_dot) for r in made if r.theta_dot is not None]
+    read = LinearisedModel(Samples(gained, scaled, replace(SENSOR, theta_dot=0.05 * c)), gained, motion)
+    assert read.ahead == (0, 0)
+    here = LinearisedModel(plain, JOINT, motion).system.filter(disturbances)
+    np.testing.assert_allclose(read.system.filter(disturbances).innovations, here.innovations, rtol=1e-6, atol=1e-6)
+
+
 EFFECTS = {
     "viscous": {"b": 1e-5},
     "coulomb": {"tau_c": 1e-6},
