@@ -26,6 +26,9 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
+WIDER = (1e2, 1e4, 1e5)
+"""Factors of the finite difference of a number that a smaller one leaves without any slope: a delay moves the drive at
+the end of a substep first, and if the joint sticks there, nothing happens until it has moved by more."""
 SMOOTHED_SHARE = 0.2
 """Uncertainty of a dynamic effect's states along the smoothed readings, as a share of their sd at a record's start."""
 
@@ -261,6 +264,7 @@ class LinearisedModel:
         """Derivatives by P parameters: G (M, n, P) of the steps' ends, R (M, 2, P) of the readings in the sensor's sd.
 
         The random acceleration d is held, not the random torque, so that its distribution is the same for any inertia.
+        A number whose small change does nothing is changed by more (WIDER).
         """
         parameters, P = self.model.parameters, len(names)
         if not P:
@@ -269,10 +273,16 @@ class LinearisedModel:
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
         h = 1e-6 * np.where(low > 0.0, value, np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0)))
-        h = np.where(value + h <= high, h, -h)
-        ends, seen = self._variants(self.model, value + np.diag(h), names, self.motion.inner)
-        size = h[:, None, None]
-        return self._as_changes((ends - self.ends) / size, (seen - self.seen) / size)
+        ends, seen, told = np.empty((P, *self.ends.shape)), np.empty((P, *self.seen.shape)), np.zeros(P, dtype=bool)
+        for wider in (1.0, *WIDER):
+            step = np.where(value + wider * h <= high, wider * h, -wider * h)
+            row, size = np.flatnonzero(~told), step[~told, None, None]
+            changed = self._variants(self.model, (value + np.diag(step))[row], names, self.motion.inner)
+            ends[row], seen[row] = (changed[0] - self.ends) / size, (changed[1] - self.seen) / size
+            told[row] = np.any(ends[row, :-1] * self.samples.follows[:-1, None], (1, 2)) | np.any(seen[row], (1, 2))
+            if np.all(told):
+                break
+        return self._as_changes(ends, seen)
 
     def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
         """G and R as in `changes`, with a column for each of several effects of one kind, per size from neutral."""

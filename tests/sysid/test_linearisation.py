@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 import pytest
 
-from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid import RK4, Effect, GeneralJoint, Model, PositionServo, Record, Sensor, effect, simulate
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, level, smoothed_motion
 from sysid.planning.excitation import multisine
@@ -188,6 +188,18 @@ def test_a_late_sensor_is_moved_to_the_instant_that_it_shows() -> None:
     for first, last in zip(samples.first[:-1], samples.first[1:], strict=True):
         np.testing.assert_allclose(H[first + 3 : last - 3], np.broadcast_to(plain, (last - first - 6, 2, 2)), atol=1e-5)
         assert not np.any(H[last - 3 : last]) and not np.any(linearised.system.r[last - 3 : last])
+
+
+def test_a_delay_shows_though_the_joint_sticks_where_a_substep_ends() -> None:
+    """A servo stands at each of its steps. They arrive as a substep ends, and a little of one moves nothing."""
+    effects = (effect("coulomb", tau_c=0.1), effect("delay", T=1.5 * DT - 2e-6, longest=0.06))
+    model = Model(GeneralJoint(J=0.01, G=0.3), (PositionServo(k_p=8.0, k_d=0.4), *effects), RK4(substeps=2), DT)
+    u = math.pi + np.repeat([0.0, 0.4, -0.2, 0.3, 0.0], 40)
+    run = simulate(model, u, math.pi, 0.0)
+    samples = Samples(model, [Record(run.t, u, run.theta_read)], Sensor(theta=1e-3))
+    motion = Motion(np.column_stack([run.theta, run.theta_dot]), np.zeros(len(samples)), np.zeros((len(samples), 3)))
+    G, _ = LinearisedModel(samples, model, motion).changes(("delay.T",))
+    assert np.max(np.abs(G)) > 1.0
 
 
 @pytest.mark.parametrize("c", [0.5, 0.85, 1.3])
