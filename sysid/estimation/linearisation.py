@@ -279,7 +279,7 @@ class LinearisedModel:
             row, size = np.flatnonzero(~told), step[~told, None, None]
             changed = self._variants(self.model, (value + np.diag(step))[row], names, self.motion.inner)
             ends[row], seen[row] = (changed[0] - self.ends) / size, (changed[1] - self.seen) / size
-            told[row] = np.any(ends[row, :-1] * self.samples.follows[:-1, None], (1, 2)) | np.any(seen[row], (1, 2))
+            told[row] = np.any(ends[row] * self.samples.follows[:, None], (1, 2)) | np.any(seen[row], (1, 2))
             if np.all(told):
                 break
         return self._as_changes(ends, seen)
