@@ -48,9 +48,9 @@ def swings(model: Model, seeds: Sequence[int], torque: float = 0.0, scale: float
     return [Record(run.t, np.zeros(N), theta + e) for theta, e in zip(read, noise, strict=True)]
 
 
-def swing(model: Model, scale: float = 0.0) -> Record:
-    """The first of `swings`, beside no random torque."""
-    return swings(model, [0], scale=scale)[0]
+def swing(model: Model, torque: float = 0.0, scale: float = 0.0) -> Record:
+    """The first of `swings`."""
+    return swings(model, [0], torque, scale)[0]
 
 
 def fitted(record: Record) -> Fit:
