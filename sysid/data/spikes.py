@@ -43,13 +43,13 @@ def spikes(y: Array) -> NDArray[np.bool_]:
     typical = max(float(np.median(np.abs(known))) / 0.6745, quantisation_step([y[np.isfinite(y)]]))
     least = max(BEYOND * typical, SMALLEST * float(np.nanstd(y)))
     for length in range(1, LONGEST + 1):
-        last = REACH + length
-        before, after = third[: 1 - last], -third[last - 1 :]
+        end = REACH + length  # a run that difference k begins is k + REACH : k + end
+        before, after = third[: 1 - end], -third[end - 1 :]
         size = np.minimum(np.abs(before), np.abs(after))
         for k in np.flatnonzero((size > least) & (np.abs(before - after) < AGREEMENT * size)):
-            clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + last : k + last + 2 * REACH]])
+            clear = np.concatenate([third[max(k - 2 * REACH, 0) : k], third[k + end : k + end + 2 * REACH]])
             if size[k] > ALONE * np.nanmax(np.abs(clear), initial=0.0):
-                is_spike[k + REACH : k + last] = True
+                is_spike[k + REACH : k + end] = True
     read = np.flatnonzero(np.isfinite(y) & ~is_spike)
     if len(read) < 4 * REACH:
         return is_spike

@@ -191,7 +191,8 @@ def compare(
     samples = Samples(model, records, sensor)
     fit = refit_windows(model, samples, cut(records, 1.0, lead))
     near = refit_windows(model, samples, cut(records, 0.5, lead), fit)
-    one_second, followed_fit = error_of(fit, 1.0), None
+    one_second = error_of(fit, 1.0)
+    followed_fit: Fit | None = None
     with suppress(InvalidInput):  # the model runs away within a sample
         followed_fit = followed(samples, model)
     torque = None if followed_fit is None else torque_of(followed_fit)

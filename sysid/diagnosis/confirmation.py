@@ -31,7 +31,8 @@ from sysid.physics.effects import CATALOGUE
 class Confirmation:
     """The additions of a search that are believed, with the errors and missing torques on which that rests.
 
-    evidence     what explanations are judged by; of it search, settings, and bare, the explanation without additions
+    evidence     what explanations are judged by, with its `search` and `settings`
+    bare         the explanation without additions
     now          the explanation by the additions that stay
     unconfirmed  the names of the additions that were taken back
     weighed      names of additions -> the explanation by these

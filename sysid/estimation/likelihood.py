@@ -80,7 +80,10 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], sha
 
 
 def p_value(decrease: float, numbers: int) -> float:
-    """The probability that so many superfluous numbers decrease the deviance by more: the tail of chi squared."""
+    """The probability that so many superfluous numbers decrease the deviance by more: the tail of chi squared.
+
+    An effect that takes the place of one with as many numbers is tested as one number.
+    """
     from scipy.special import chdtrc
 
     return float(chdtrc(max(numbers, 1), max(decrease, 0.0)))

@@ -80,7 +80,7 @@ def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Arr
     [rad/s^3 s^1/2] drives the acceleration (reach as in `Extent`).
     """
     n, dt = len(record), record.dt
-    band, right = np.zeros((6, 3 * (n + 1))), np.zeros(3 * (n + 1))  # of the normal equations
+    band, right = np.zeros((6, 3 * (n + 1))), np.zeros(3 * (n + 1))  # of the normal equations, which reach five apart
 
     def add(
         columns: list[NDArray[np.intp]], weights: list[float], sd: Array | float, target: Array | float = 0.0

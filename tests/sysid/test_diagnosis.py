@@ -542,7 +542,7 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
     assert data["seconds"] > 0.0
 
 
-@pytest.mark.parametrize("name", ["coulomb and spring", "speed", "stamped", "pushed"])
+@pytest.mark.parametrize("name", EVERY)
 def test_an_answer_passes_from_one_process_to_another(name: str) -> None:
     found = of(name)
     arrived = pickle.loads(pickle.dumps(found))
