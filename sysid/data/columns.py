@@ -98,10 +98,12 @@ def chosen_columns(
 def named_columns(titles: Sequence[str], command: Command = "torque") -> dict[str, str]:
     """{our name: the file's name} of the columns that have our names.
 
-    The command may go by its kind, u, command or force, but "position" most often names the angle that was read.
+    The command may go by its kind, u, command or force. "position" most often names the angle that was read, unless
+    there is a theta, too.
     """
     columns = {name: name for name in NAMES if name in titles}
-    names = ("torque", *ALSO_TORQUE) if command == "position" else (command, "torque", *ALSO_TORQUE)
+    named = command != "position" or "theta" in titles
+    names = (command, "torque", *ALSO_TORQUE) if named else ("torque", *ALSO_TORQUE)
     title = next((other for other in names if other in titles), None)
     return columns if title is None else columns | {"torque": title}
 

@@ -128,12 +128,19 @@ def test_a_position_is_no_torque_where_none_is_told(tmp_path):
         read(path, columns="position=q")
 
 
-@pytest.mark.parametrize("command", ["current", "voltage"])
+@pytest.mark.parametrize("command", ["current", "voltage", "position"])
 def test_a_command_called_what_it_is_is_read(tmp_path, command):
     (record,) = rollouts()
     columns = table(record)
     path = write(tmp_path / "log.csv", columns | {command: columns.pop("torque"), "u": np.zeros(len(columns["t"]))})
     same(read(path, command=command)[0], record)
+
+
+def test_a_position_beside_no_theta_is_the_angle_that_was_read(tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", {"t": record.t, "position": record.theta, "u": np.append(record.u, 0.0)})
+    with pytest.raises(InvalidInput, match="neither theta nor theta_dot.*perhaps columns theta=position"):
+        read(path, command="position")
 
 
 def test_several_files_and_a_rollout_column_are_several_rollouts(tmp_path):
