@@ -16,6 +16,7 @@ from sysid.data.free_part import free_part
 from sysid.data.needed_rate import needed_rate
 from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
+from sysid.data.sparse_rows import in_rows_of_readings, is_sparse
 from sysid.data.table import Table
 from sysid.errors import InvalidInput, check_kind, is_real
 from sysid.limits import LOG_ROWS, check_size
@@ -97,8 +98,9 @@ def read(
 ) -> Log:
     """Read logs into evenly sampled records in SI units with theta = 0 upright; a file may hold several rollouts.
 
-    Rows without a number are left out if they are few; their command is kept where it is known. Uneven stamps and gaps
-    are resampled (`sysid.data.resampling`). The begin and the end of a free swing are left out where a hand holds it
+    Rows without a number are left out if they are few, or if each column was written in rows of its own
+    (`sysid.data.sparse_rows`); their command is kept where it is known. Uneven stamps and gaps are resampled
+    (`sysid.data.resampling`). The begin and the end of a free swing are left out where a hand holds it
     (`sysid.data.free_part`).
 
     Parameters
@@ -232,16 +234,20 @@ def _window(begin: float | None, end: float | None, dt: float | None) -> tuple[f
 def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
     """The table without the rows that lack a time or a torque; the last torque of a rollout may be missing.
 
-    A row that lacks a reading stays, with all its readings nan: its torque acted all the same.
+    A row that lacks a reading stays, with all its readings nan: its torque acted all the same. If many rows lack
+    something, they may be sparse (`sysid.data.sparse_rows`).
     """
     table = dict(table)
-    bad = {name: ~np.isfinite(column) for name, column in table.items()}
     for name in list(table):
-        if np.all(bad[name]) and len(table["t"]) > 1:
+        if not np.any(np.isfinite(table[name])) and len(table["t"]) > 1:
             if name not in ("theta", "theta_dot") or not {"theta", "theta_dot"} <= set(table):
                 raise InvalidInput(f"{log}: column {titles[name]!r} for {name} holds no numbers")
             notes.append(f"{log}: column {titles[name]!r} is empty and left out")
-            del table[name], bad[name]
+            del table[name]
+    if is_sparse(table, FEW):
+        rows, table = len(table["t"]), in_rows_of_readings(table)
+        notes.append(f"{log}: {len(table['t'])} of {rows} rows hold a reading; the commands in the others are averaged")
+    bad = {name: ~np.isfinite(column) for name, column in table.items()}
     if "torque" in table:
         last = np.append(np.diff(table.get("rollout", np.zeros(len(bad["t"])))) != 0.0, True)
         bad["torque"] &= ~last

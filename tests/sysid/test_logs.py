@@ -139,7 +139,7 @@ def test_a_command_called_what_it_is_is_read(tmp_path, command):
 def test_a_position_beside_no_theta_is_the_angle_that_was_read(tmp_path):
     (record,) = rollouts()
     path = write(tmp_path / "log.csv", {"t": record.t, "position": record.theta, "u": np.append(record.u, 0.0)})
-    with pytest.raises(InvalidInput, match="neither theta nor theta_dot.*perhaps columns theta=position"):
+    with pytest.raises(InvalidInput, match=r"neither theta nor theta_dot.*perhaps columns theta=position"):
         read(path, command="position")
 
 
@@ -247,8 +247,8 @@ REFUSED = {
     "hollow.csv": ("t,theta,torque\n0,1,\n1,1,\n2,1,\n", "column 'torque' for torque holds no numbers"),
     "twice.csv": ("t,theta,theta\n0,1,2\n", "twice.csv: column 'theta' comes twice"),
     "holes.csv": (
-        "t,theta\n" + "".join(f"{0.02 * k},{'nan' if k % 2 else k}\n" for k in range(40)),
-        "holes.csv: 20 of 40 rows lack a number, most often 'theta': expected a few at most",
+        "t,theta\n" + "".join(f"{'nan' if k % 2 else 0.02 * k},{k}\n" for k in range(40)),
+        "holes.csv: 20 of 40 rows lack a number, most often 't': expected a few at most",
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
     "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV in UTF-8"),
