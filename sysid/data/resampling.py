@@ -179,7 +179,7 @@ def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
     fresh = digitisation.fresh(lead, held)
     fresh = fresh[np.append(True, np.diff(read.t[fresh]) > 0.0)]
     kept = read.take(fresh)
-    return replace(kept, torque=np.append(_held(rows.t, rows.torque, kept.t), kept.torque[-1]))
+    return replace(kept, torque=np.append(held_means(rows.t, rows.torque, kept.t), kept.torque[-1]))
 
 
 def _stamps(rows: Rows, tally: Counter[str]) -> Rows:
@@ -280,7 +280,7 @@ def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
     offset = np.abs(grid - read.t[nearest])
     missing = int(np.sum(offset > FARTHEST_ROW * rows.step))
     near = len(grid) == n + 1 and float(np.max(np.abs(grid - rows.t))) <= 0.02 * dt
-    torque = rows.torque[:-1] if near else _held(rows.t, rows.torque, grid)
+    torque = rows.torque[:-1] if near else held_means(rows.t, rows.torque, grid)
     theta, theta_dot = (None if y is None else _moved(read.t, y, grid, nearest) for y in (read.theta, read.theta_dot))
     if not even:
         tally["stamps put right" if near else "resampled"] += 1
@@ -288,8 +288,8 @@ def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
     return Record(grid, torque, theta, theta_dot, name=rows.name, origin=rows.origin)
 
 
-def _held(t: Array, torque: Array, grid: Array) -> Array:
-    """The mean torque [N m] over each interval of the grid; between rows the torque is held.
+def held_means(t: Array, torque: Array, grid: Array) -> Array:
+    """The mean torque (G - 1,) [N m] over each interval of the grid (G,); between rows t (K,) the torque (K,) is held.
 
     u_k = (U(g_k+1) - U(g_k)) / dt,   U(t) = the integral of the held torque
     """

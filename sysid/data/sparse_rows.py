@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from sysid.data.resampling import held_means
 from sysid.data.table import Table
-from sysid.physics.ops import Array
 
 BESIDE = 0.9
 """Least share of the angles beside which a speed has to stand: fewer speeds are left out."""
@@ -34,19 +34,11 @@ def in_rows_of_readings(table: Table) -> Table:
     read = np.isfinite(table["theta" if "theta" in table else "theta_dot"])
     told = np.isfinite(table.get("torque", table["t"]))
     read &= table["t"] >= table["t"][told][0]
+    read[np.flatnonzero(read)[:-1][np.diff(table["t"][read]) == 0.0]] = False  # of the same instant, the last
     rows = {name: column[read] for name, column in table.items()}
     if "theta" in rows and np.mean(np.isfinite(rows.get("theta_dot", rows["t"]))) < BESIDE:
         del rows["theta_dot"]
     if "torque" in rows:
-        rows["torque"] = _held_means(table["t"][told], table["torque"][told], rows["t"])
+        means = held_means(table["t"][told], table["torque"][told], rows["t"])
+        rows["torque"] = np.append(means, math.nan)
     return rows
-
-
-def _held_means(told: Array, commands: Array, t: Array) -> Array:
-    """The means (N,) of commands (K,), each held from the instant when it was `told` (K,), from each of the instants t
-    (N,) to the next; nan for the last. Between instants that are the same it is the command itself."""
-    impulses = np.concatenate([[0.0], np.cumsum(commands[:-1] * np.diff(told))])
-    last = np.searchsorted(told, t, side="right") - 1
-    until = impulses[last] + commands[last] * (t - told[last])
-    span = np.diff(t)
-    return np.append(np.divide(np.diff(until), span, where=span > 0.0, out=commands[last[:-1]].copy()), math.nan)
