@@ -28,13 +28,13 @@ class LogOptions:
     """How the log is read."""
 
     files: Files = ()
-    """CSV, .npz, .mat or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free
-    swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
+    """CSV, .npz, .mat, .xlsx or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a
+    free swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
     several rollouts."""
 
     columns: Annotated[str, option("t=NAME,...")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=tau (or voltage=duty, as --input says);
-    "theta_dot=" leaves one out."""
+    "theta_dot=" leaves one out. Without a row of names they are 1, 2, ...; "t=" is for rows written every --dt s."""
 
     zero: Annotated[Literal["upright", "hanging"] | float | None, option("WHERE", default="upright")] = None
     """Where the log's angle is 0, "upright" or "hanging"; or, as a number, the log's angle where the joint hangs."""

@@ -36,6 +36,8 @@ SLOW = 0.5
 """Rows that are so far apart [s] cannot follow a pendulum: the clock may count a shorter unit."""
 FINEST = 2e-5
 """No logger writes rows nearer to each other than this [s]: a unit in a column's name that says so is not believed."""
+MOST_LISTED = 40
+"""The most names of columns that a sentence lists."""
 FEWEST_ROWS = 10
 """Rows from which the unit of a clock can be inferred."""
 BITS = (16, 32)
@@ -78,7 +80,7 @@ def chosen_columns(
 
     A torque may be missing (a free swing), but not a `command` of another kind, for which the user has asked.
     """
-    listed = ", ".join(title for title in titles if title) or "none"
+    listed = _listed(titles)
     for ours, theirs in wanted.items():
         if theirs and theirs not in titles:
             raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
@@ -91,8 +93,18 @@ def chosen_columns(
     missing = missing if "t" in chosen else "no t"
     likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(titles, chosen).items()}
     pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely.items())
-    which = f", perhaps columns {pairs}" if pairs else " (columns)"
-    raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
+    which = f", perhaps columns {pairs}" if pairs else ", as in columns t=1,theta=2" if "1" in titles else " (columns)"
+    untimed = "" if "t" in {*chosen, *likely} else "; if rows have no time, columns t= and their interval (--dt, dt)"
+    raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}{untimed}")
+
+
+def _listed(titles: Sequence[str]) -> str:
+    """The names of a file's columns, at most MOST_LISTED of them; numbers stand for columns without names."""
+    named = [title for title in titles if title]
+    if named and named == [str(k + 1) for k in range(len(titles))]:
+        return f"{len(named)} columns without names, called 1 to {len(named)}" if len(named) > 1 else "one column"
+    more = f" and {len(named) - MOST_LISTED} more" if len(named) > MOST_LISTED else ""
+    return (", ".join(named[:MOST_LISTED]) or "none") + more
 
 
 def named_columns(titles: Sequence[str], command: Command = "torque") -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
+"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, Excel, ROS 2 bags and MCAP.
 
 Each reader takes a path, the columns that are wanted, {our name: the file's name}, or None for the names alone, and the
 name of a joint, which bags have. None of them loads a pickle. They rest on compiled libraries, and are called in a
@@ -8,7 +8,8 @@ process in which a crash harms nothing (`sysid.data.guarded`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -17,7 +18,7 @@ import numpy as np
 
 from sysid.data.bag import read_bag
 from sysid.data.table import seconds
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, excerpt
 from sysid.limits import RAW_ROWS, check_size
 
 Columns = Mapping[str, str] | None
@@ -36,45 +37,115 @@ def _npz(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
 
 
 def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
-    """A .mat file of MATLAB's versions 4 to 7.2; the fields of its structs count as columns."""
+    """A .mat file of MATLAB's versions 4 to 7.2; fields of structs and columns of matrices count as columns."""
     from scipy.io import loadmat, whosmat
 
     for name, shape, _ in whosmat(path):
         check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
     content = loadmat(path, simplify_cells=True)
-    arrays: dict[str, Any] = {}
-    for name, value in content.items():
-        if not name.startswith("__"):
-            arrays.update(value if isinstance(value, dict) else {name: value})
+    variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    arrays = {title: value[at] if at else value for title, value, at in _parts(variables)}
     return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
 
 
+Part = tuple[str, Any, tuple[slice | int, ...]]
+"""The name of a column, what holds it, and where in it; () for all of it."""
+
+
+def _parts(members: Mapping[str, Any], inside: str = "", depth: int = 0) -> Iterator[Part]:
+    """The columns in the members of a struct.
+
+    A field of a struct goes by its own name, one of a struct in a struct as signals.values, and one of the first of
+    several structs as signals1.values. The columns of a matrix x are x:1, x:2, ...
+    """
+    for name, value in members.items():
+        title, several = f"{inside}{name}", _structs(value)
+        if isinstance(value, Mapping):
+            yield from _parts(value, f"{title}." if depth else "", depth + 1)
+        elif several:
+            for k, one in enumerate(several, start=1):
+                yield from _parts(one, f"{title}{k}.", depth + 1)
+        else:
+            yield from _columns(title, value)
+
+
+def _structs(value: Any) -> list[Mapping[str, Any]]:
+    """The structs in an array of structs; none in anything else."""
+    several = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind == "O" else value
+    return several if isinstance(several, list) and all(isinstance(one, Mapping) for one in several) else []
+
+
+def _columns(title: str, value: Any) -> Iterator[Part]:
+    """The columns of a matrix, which are longer than its rows; anything else as it is."""
+    shape: tuple[int, ...] = getattr(value, "shape", None) or ()
+    if len(shape) != 2 or min(shape) < 2 or shape[0] == shape[1]:
+        yield title, value, ()
+    else:  # MATLAB's version 7.3 has them transposed
+        for k in range(min(shape)):
+            yield f"{title}:{k + 1}", value, (slice(None), k) if shape[1] < shape[0] else (k, slice(None))
+
+
 def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
-    """An HDF5 file, such as MATLAB's version 7.3 writes; the members of its groups (structs) count as columns.
+    """An HDF5 file, such as MATLAB's version 7.3 writes; members of its groups (structs) and columns of its matrices
+    count as columns, named as those of a .mat file are.
 
     Only what the file itself holds is read: links out of it are passed over, and columns stored elsewhere are refused.
     """
     import h5py
 
     with h5py.File(path, "r") as file:
-        members: dict[str, Any] = {}
-        for name, item in _members(h5py, file):
-            members.update(dict(_members(h5py, item)) if isinstance(item, h5py.Group) else {name: item})
-        sets = {name: item for name, item in members.items() if isinstance(item, h5py.Dataset)}
+        sets = {title: (item, at) for title, item, at in _parts(_members(h5py, file))}
         if columns is None:
             return dict.fromkeys(sets)
-        for name in columns.values():
-            check_size(f"{path.name}: numbers in {name!r}:", math.prod(sets[name].shape or ()), RAW_ROWS)
-            if sets[name].is_virtual or sets[name].external:
+        arrays = {}
+        for ours, name in columns.items():
+            item, at = sets[name]
+            check_size(f"{path.name}: numbers in {name!r}:", math.prod(item.shape or ()), RAW_ROWS)
+            if item.is_virtual or item.external:
                 raise InvalidInput(f"{path.name}: {name!r} lies in other files: expected it in this one")
-        return {ours: sets[name][()] for ours, name in columns.items()}
+            arrays[ours] = item[at]
+        return arrays
 
 
-def _members(h5py: Any, group: Any) -> Iterator[tuple[str, Any]]:
-    """The members that a group itself holds, without MATLAB's internal ones and without links to elsewhere."""
+def _members(h5py: Any, group: Any) -> dict[str, Any]:
+    """The members that a group itself holds, and theirs, without MATLAB's internal ones and without links elsewhere."""
+    members: dict[str, Any] = {}
     for name in group:
         if not name.startswith("#") and isinstance(group.get(name, getlink=True), h5py.HardLink):
-            yield name, group[name]
+            item = group[name]
+            members[name] = _members(h5py, item) if isinstance(item, h5py.Group) else item
+    return members
+
+
+def _xlsx(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """The first sheet of an Excel workbook that is not empty: a row of names if there is one, then numbers."""
+    from openpyxl import load_workbook
+
+    with path.open("rb") as file:  # of a path it would ask for its own suffix
+        sheets = load_workbook(file, read_only=True, data_only=True).worksheets
+        sheet = next((s for s in sheets if any(cell is not None for cell in next(s.values, ()))), sheets[0])
+        check_size(f"{path.name}: rows:", sheet.max_row or 0, RAW_ROWS)
+        first, *rows = sheet.values if columns is not None else [next(sheet.values, ())]
+    named = any(isinstance(cell, str) for cell in first)
+    names = [str(cell or "").strip() if named else str(k + 1) for k, cell in enumerate(first)]
+    if columns is None:
+        return dict.fromkeys(name for name in names if name)
+    rows = rows if named else [first, *rows]
+    wanted = {ours: (name, names.index(name)) for ours, name in columns.items()}
+    return {
+        ours: _cells(path, n, [row[k] if k < len(row) else None for row in rows]) for ours, (n, k) in wanted.items()
+    }
+
+
+def _cells(path: Path, name: str, cells: Sequence[Any]) -> Any:
+    """The numbers in the cells of a column of an Excel workbook, nan in empty ones; dates become seconds."""
+    known = [cell for cell in cells if cell not in (None, "")]
+    if known and all(isinstance(cell, datetime) for cell in known):
+        return np.array([(cell - known[0]).total_seconds() if cell else math.nan for cell in cells])
+    if any(isinstance(cell, str | datetime) for cell in known):
+        text = next(cell for cell in known if isinstance(cell, str | datetime))
+        raise InvalidInput(f"{path.name}: {name!r} holds {excerpt(str(text))}: expected numbers")
+    return np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])
 
 
 def _parquet(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -113,6 +184,7 @@ READERS: dict[str, tuple[Callable[[Path, Columns, str], dict[str, Any]], str]] =
     "mat": (_mat, "a .mat file: expected one as MATLAB's save makes it"),
     "hdf5": (_hdf5, "an HDF5 or MATLAB v7.3 file that is whole"),
     "parquet": (_parquet, "a Parquet file that is whole"),
+    "xlsx": (_xlsx, "an Excel workbook that is whole"),
     "bag": (read_bag, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"),
 }
 """The reader of each format, and what its error message says that a file should have been."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -29,8 +29,12 @@ BEGINS = {
     b"#ROSBAG V": "bag of ROS 1",
 }
 """The first bytes of a file of each format; a text file begins with none of these."""
-NEEDS = {"hdf5": "h5py", "parquet": "pyarrow", "bag": "rosbags"}
+NEEDS = {"hdf5": "h5py", "parquet": "pyarrow", "bag": "rosbags", "xlsx": "openpyxl"}
 """The package that reads a format; all are in the extra [files]."""
+IN_WORKBOOK = (b"[Content_Types].xml", b"docProps/", b"xl/", b"_rels/")
+"""How the first file of a zip archive is called if the archive is a workbook of Excel."""
+CLOCK = "(the row's time)"
+"""The column t of a log whose rows have none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,16 @@ class Source:
     title: str
     names: tuple[str, ...]
     load: Callable[[Mapping[str, str]], Table]
+
+    def timed(self, dt: float) -> Source:
+        """The source with one column more, CLOCK: the time [s] of rows that were written every dt [s]."""
+
+        def load(columns: Mapping[str, str]) -> Table:
+            table = self.load({ours: theirs for ours, theirs in columns.items() if theirs != CLOCK})
+            rows = len(next(iter(table.values())))
+            return table | {"t": dt * np.arange(rows, dtype=float)}
+
+        return replace(self, names=(*self.names, CLOCK), load=load)
 
 
 def sources(given: Iterable[Any], joint: str = "") -> Iterator[Source]:
@@ -117,6 +131,8 @@ def _kind(path: Path) -> str:
         check_input(path, "a log file", math.inf)
         with path.open("rb") as file:
             begin = file.read(1024)
+    if begin.startswith(b"PK\3\4") and begin[30:].startswith(IN_WORKBOOK):
+        return "xlsx"
     for mark, kind in BEGINS.items():
         if begin.startswith(mark):
             if kind == "bag of ROS 1":

@@ -106,13 +106,14 @@ def read(
     Parameters
     ----------
     *paths : path or DataFrame, or iterable of these
-        CSV, .npz, .mat, HDF5 and Parquet files, ROS 2 bags and MCAP, recognised by their content; pandas DataFrames,
-        whose index is a column if it has a name. Time stamps become seconds since the first row.
+        CSV, .npz, .mat, HDF5, Parquet and Excel files, ROS 2 bags and MCAP, recognised by their content; pandas
+        DataFrames, whose index is a column if it has a name. Dates and times become seconds since the first row.
     columns : str or mapping, optional
         "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot
         [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next) and rollout. A log
         without a torque is a free swing. "theta_dot=" leaves a column out; other columns are ignored. The command may
-        be called u, command, force or after its kind (see `command`).
+        be called u, command, force or after its kind (see `command`). The columns of a text without a row of names are
+        called 1, 2, ... "t=" is for rows without a time that were written every dt seconds.
     zero : {"upright", "hanging"} or float
         What the file's angle 0 means; a number is the file's angle where the joint hangs, so that 0 is "hanging".
     flip_torque : bool
@@ -153,6 +154,11 @@ def read(
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
     low, high = _window(begin, end, dt)
     sources, wanted = log_files.sources(paths, joint), wanted_columns(columns, command)
+    if wanted.get("t") == "":
+        if dt is None:
+            raise InvalidInput("columns leave out t: expected the interval of the rows in seconds, too (--dt, dt)")
+        sources, wanted = (source.timed(dt) for source in sources), wanted | {"t": log_files.CLOCK}
+        time_unit = "s"
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:

@@ -34,10 +34,11 @@ def seconds(nanoseconds: Any, missing: Any) -> Array:
 
 def rows_of(name: str, columns: Mapping[str, Array]) -> Table:
     """A table of columns (K,); a torque or a speed of K - 1 values gets a last one, nan."""
-    table, rows = dict(columns), len(columns["t"])
+    lead = next(title for title in ("t", "theta", *columns) if title in columns)
+    table, rows = dict(columns), len(columns[lead])
     for title, values in columns.items():
         if title in ("torque", "theta_dot") and len(values) == rows - 1:
             table[title] = np.append(values, math.nan)
         elif len(values) != rows:
-            raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, t has {rows}")
+            raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, {lead} has {rows}")
     return table

@@ -13,6 +13,31 @@ def write_text(path, columns, delimiter=","):
     return path
 
 
+def write_windows(path, columns):
+    """As a spreadsheet of western Europe saves it: decimal commas, semicolons, and one column more, by its unit."""
+    write_text(path, columns | {"Temperatur (\N{DEGREE SIGN}C)": np.zeros(len(columns["t"]))}, ";")
+    path.write_text(path.read_text().replace(".", ","), encoding="cp1252")
+    return path
+
+
+def write_utf_16(path, columns):
+    path.write_text(write_text(path, columns, "\t").read_text(), encoding="utf-16")
+    return path
+
+
+def write_excel(path, columns):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    sheet = book.create_sheet("log")
+    sheet.append(list(columns))
+    for row in zip(*columns.values(), strict=True):
+        sheet.append([float(v) for v in row])
+    with path.open("wb") as file:
+        book.save(file)
+    return path
+
+
 def write_npz(path, columns):
     with path.open("wb") as file:
         np.savez(file, **columns)
@@ -36,12 +61,12 @@ def write_mat_4(path, columns):
 
 
 def write_mat_73(path, columns, group=""):
-    """As MATLAB lays out its version 7.3: HDF5 behind a header of its own, each column a matrix of one row."""
+    """As MATLAB lays out its version 7.3: HDF5 behind a header of its own, each matrix transposed."""
     import h5py
 
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in columns.items():
-            data = file.create_dataset(f"{group}/{name}", data=np.asarray(values)[None, :], compression="gzip")
+            data = file.create_dataset(f"{group}/{name}", data=np.atleast_2d(np.asarray(values).T), compression="gzip")
             data.attrs["MATLAB_class"] = np.bytes_("double")
         file.create_group("#refs#")["a"] = np.zeros(3)
     with path.open("r+b") as file:
@@ -103,6 +128,9 @@ FORMS = {
     "tsv": lambda path, columns: write_text(path, columns, "\t"),
     "semicolons": lambda path, columns: write_text(path, columns, ";"),
     "blanks": lambda path, columns: write_text(path, columns, " "),
+    "windows": write_windows,
+    "utf-16": write_utf_16,
+    "excel": write_excel,
     "npz": write_npz,
     "mat 4": write_mat_4,
     "mat 5": write_mat,

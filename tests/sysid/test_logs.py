@@ -99,6 +99,29 @@ def test_any_names_and_extra_columns_and_a_mapping_as_good_as_a_string(tmp_path)
     assert read(write(tmp_path / "own.csv", table(record)), columns="theta_dot=")[0].theta_dot is None
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+@pytest.mark.parametrize("decimal_comma", [False, True])
+def test_without_a_row_of_names_columns_go_by_their_numbers(delimiter, decimal_comma, tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", table(record))
+    plain = read(path)
+    text = path.read_text().split("\n", 1)[1].replace(",", delimiter)
+    if decimal_comma and delimiter != ",":
+        text = text.replace(".", ",")
+    (tmp_path / "log.csv").write_text(text)
+    same(read(path, columns="t=1,theta=2,theta_dot=3,torque=4")[0], plain[0])
+
+
+def test_rows_without_a_time_come_at_the_interval_that_is_given(tmp_path):
+    (record,) = rollouts()
+    columns = table(record)
+    plain = read(write(tmp_path / "log.csv", columns | {"t": 0.02 * np.arange(len(record.t))}))
+    path = write(tmp_path / "log.csv", {name: column for name, column in columns.items() if name != "t"})
+    same(read(path, columns="t=", dt=0.02)[0], plain[0])
+    with pytest.raises(InvalidInput, match="columns leave out t: expected the interval of the rows in seconds"):
+        read(path, columns="t=")
+
+
 def test_without_torque_it_is_a_free_swing(tmp_path):
     (record,) = rollouts()
     path = write(tmp_path / "log.csv", {"t": record.t, "theta": record.theta})
@@ -232,7 +255,12 @@ def test_seconds_stay_seconds(change, tmp_path):
 HEAD = "t,theta,theta_dot,torque\n"
 REFUSED = {
     "no.csv": ("", "no.csv is empty: expected a row that names the columns"),
-    "numbers.csv": ("0,1,2,3\n1,2,3,4\n", "numbers.csv begins with numbers: expected a first row that names"),
+    "numbers.csv": (
+        "0,1,2,3\n1,2,3,4\n",
+        "numbers.csv has no t: found 4 columns without names, called 1 to 4; say which is which, as in columns "
+        "t=1,theta=2; if rows have no time, columns t= and their interval (--dt, dt)",
+    ),
+    "tree.json": ('{"t": [0, 1]}', "tree.json looks like JSON: expected CSV, .npz, .mat, .xlsx"),
     "names.csv": (
         "time_s,angle_rad,velocity\n0,1,2\n",
         "names.csv has no t: found time_s, angle_rad, velocity; say which is which, perhaps columns "
@@ -240,7 +268,7 @@ REFUSED = {
     ),
     "unread.csv": ("t,torque\n0,1\n", "unread.csv has neither theta nor theta_dot: found t, torque"),
     "text.csv": (HEAD + "0,1,2,3\n0.1,1,fast,3\n", "text.csv, line 3: theta_dot is 'fast', expected a number"),
-    "comma.csv": ("t;theta\n0;1,5\n1;2,5\n", "comma.csv, line 2: theta is '1,5', expected a number (with a decimal"),
+    "comma.csv": ("t,theta\n0,'1,5'\n", 'comma.csv, line 2: theta is "\'1", expected a number (with a decimal point)'),
     "short.csv": (HEAD + "0,1,2,3\n0.1,1\n0.2,1,2,3\n", "short.csv, line 3: 2 cells, expected 4"),
     "one.csv": (HEAD + "0,1,2,3\n", "nothing to work on in one (1 row): expected at least two rows"),
     "none.csv": (HEAD, "none.csv has no rows"),
@@ -251,7 +279,7 @@ REFUSED = {
         "holes.csv: 20 of 40 rows lack a number, most often 't': expected a few at most",
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
-    "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV in UTF-8"),
+    "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV, .npz"),
     "no.npz": (b"PK\3\4 nothing of the kind", "no.npz is not an .npz file of plain arrays"),
     "no.mat": (b"MATLAB".ljust(124) + b"\0\1IM nothing of the kind", "no.mat is not a .mat file"),
 }
