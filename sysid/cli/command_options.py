@@ -28,9 +28,9 @@ class LogOptions:
     """How the log is read."""
 
     files: Files = ()
-    """CSV, .npz, .mat, .xlsx or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a
-    free swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several
-    files are several rollouts."""
+    """CSV, JSON, .npz, .mat, .xlsx or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m]
+    (none: a free swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP.
+    Several files are several rollouts."""
 
     columns: Annotated[str, option("t=NAME,...")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=tau (or voltage=duty, as --input says);

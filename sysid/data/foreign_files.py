@@ -1,4 +1,5 @@
-"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, Excel, ROS 2 bags and MCAP.
+"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, Excel, JSON, ROS 2 bags,
+MCAP.
 
 Each reader takes a path, the columns that are wanted, {our name: the file's name}, or None for the names alone, and the
 name of a joint, which bags have. None of them loads a pickle. They rest on compiled libraries, and are called in a
@@ -7,6 +8,7 @@ process in which a crash harms nothing (`sysid.data.guarded`).
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
@@ -43,8 +45,39 @@ def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     for name, shape, _ in whosmat(path):
         check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
     content = loadmat(path, simplify_cells=True)
-    variables = {name: value for name, value in content.items() if not name.startswith("__")}
-    arrays = {title: value[at] if at else value for title, value, at in _parts(variables)}
+    return _chosen({name: value for name, value in content.items() if not name.startswith("__")}, columns)
+
+
+def _json(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """JSON: lists of numbers by their names, or a list of records, or a record in each line; members of objects and
+    columns of lists of lists count as columns, named as those of a .mat file are."""
+    text = path.read_text(encoding="utf-8-sig")
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError:
+        content = [json.loads(line) for line in text.splitlines() if line.strip()]
+    members = _as_arrays(content)
+    return _chosen(members if isinstance(members, Mapping) else {"rows": members}, columns)
+
+
+def _as_arrays(value: Any) -> Any:
+    """What JSON holds, with lists as arrays, nan for null, and lists of records as records of arrays."""
+    if isinstance(value, dict):
+        return {name: _as_arrays(member) for name, member in value.items()}
+    if not isinstance(value, list):
+        return value
+    if value and all(isinstance(one, dict) for one in value):
+        names = dict.fromkeys(name for record in value for name in record)
+        return {name: _as_arrays([record.get(name) for record in value]) for name in names}
+    try:
+        return np.array([math.nan if one is None else one for one in value], dtype=float)
+    except (TypeError, ValueError):
+        return np.array(value, dtype=object)
+
+
+def _chosen(members: Mapping[str, Any], columns: Columns) -> dict[str, Any]:
+    """The columns in these members that are wanted, or all."""
+    arrays = {title: value[at] if at else value for title, value, at in _parts(members)}
     return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
 
 
@@ -185,6 +218,7 @@ READERS: dict[str, tuple[Callable[[Path, Columns, str], dict[str, Any]], str]] =
     "hdf5": (_hdf5, "an HDF5 or MATLAB v7.3 file that is whole"),
     "parquet": (_parquet, "a Parquet file that is whole"),
     "xlsx": (_xlsx, "an Excel workbook that is whole"),
+    "json": (_json, "JSON that is whole: expected lists of numbers, or a list of records"),
     "bag": (read_bag, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"),
 }
 """The reader of each format, and what its error message says that a file should have been."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -138,6 +139,8 @@ def _kind(path: Path) -> str:
             if kind == "bag of ROS 1":
                 raise InvalidInput(f"{path.name} is a bag of ROS 1: expected one of ROS 2 (rosbags-convert makes one)")
             return kind
+    if begin.removeprefix(codecs.BOM_UTF8).lstrip()[:1] in (b"{", b"["):
+        return "json"
     if begin[512:520] == b"\x89HDF\r\n\x1a\n":  # behind MATLAB's own header
         return "hdf5"
     return "mat" if begin[124:128] in (b"\0\1IM", b"\1\0MI") or _is_mat_4(begin) else "text"

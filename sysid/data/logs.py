@@ -106,7 +106,7 @@ def read(
     Parameters
     ----------
     *paths : path or DataFrame, or iterable of these
-        CSV, .npz, .mat, HDF5, Parquet and Excel files, ROS 2 bags and MCAP, recognised by their content; pandas
+        CSV, JSON, .npz, .mat, HDF5, Parquet and Excel files, ROS 2 bags and MCAP, recognised by their content; pandas
         DataFrames, whose index is a column if it has a name. Dates and times become seconds since the first row.
     columns : str or mapping, optional
         "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot

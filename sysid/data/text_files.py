@@ -27,7 +27,7 @@ CHUNK = 1 << 24
 """Bytes of text that are turned into numbers at once."""
 DELIMITERS = (",", ";", "\t")
 EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "--"})
-EXPECTED = "expected CSV, .npz, .mat, .xlsx, Parquet, or a ROS 2 bag or MCAP"
+EXPECTED = "expected CSV, JSON, .npz, .mat, .xlsx, Parquet, or a ROS 2 bag or MCAP"
 BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 
@@ -81,8 +81,6 @@ def _head(path: Path, file: TextIO) -> _Head:
         if "\0" in line:
             raise InvalidInput(f"{path.name} is not a text file: {EXPECTED}")
         text, comment = line.strip().lstrip("#").strip(), line.lstrip().startswith("#")
-        if text[:1] in ("{", "["):
-            raise InvalidInput(f"{path.name} looks like JSON: {EXPECTED}")
         delimiter = next((d for d in (";", "\t", " ") if d in text and _are_numbers(_with_points(text), d)), None)
         if delimiter is None:
             delimiter = max(DELIMITERS, key=text.count)

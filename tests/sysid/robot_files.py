@@ -1,6 +1,7 @@
 """A log as the programs of robots write it: the same columns in files of every format."""
 
 import csv
+import json
 
 import numpy as np
 
@@ -36,6 +37,20 @@ def write_excel(path, columns):
     with path.open("wb") as file:
         book.save(file)
     return path
+
+
+def write_json(path, content):
+    path.write_text(json.dumps(content))
+    return path
+
+
+def write_lines(path, rows):
+    path.write_text("\n".join(map(json.dumps, rows)))
+    return path
+
+
+def records(columns):
+    return [dict(zip(columns, map(float, row), strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def write_npz(path, columns):
@@ -131,6 +146,11 @@ FORMS = {
     "windows": write_windows,
     "utf-16": write_utf_16,
     "excel": write_excel,
+    "json": lambda path, columns: write_json(
+        path, {"mass": 1.0, **{n: list(map(float, c)) for n, c in columns.items()}}
+    ),
+    "json records": lambda path, columns: write_json(path, {"mass": 1.0, "entries": records(columns)}),
+    "json lines": lambda path, columns: write_lines(path, records(columns)),
     "npz": write_npz,
     "mat 4": write_mat_4,
     "mat 5": write_mat,

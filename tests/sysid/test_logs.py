@@ -260,7 +260,10 @@ REFUSED = {
         "numbers.csv has no t: found 4 columns without names, called 1 to 4; say which is which, as in columns "
         "t=1,theta=2; if rows have no time, columns t= and their interval (--dt, dt)",
     ),
-    "tree.json": ('{"t": [0, 1]}', "tree.json looks like JSON: expected CSV, .npz, .mat, .xlsx"),
+    "tree.json": (
+        '{"t": [0, 1',
+        "tree.json is not JSON that is whole: expected lists of numbers, or a list of records",
+    ),
     "names.csv": (
         "time_s,angle_rad,velocity\n0,1,2\n",
         "names.csv has no t: found time_s, angle_rad, velocity; say which is which, perhaps columns "
@@ -279,7 +282,7 @@ REFUSED = {
         "holes.csv: 20 of 40 rows lack a number, most often 't': expected a few at most",
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
-    "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV, .npz"),
+    "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV, JSON, .npz"),
     "no.npz": (b"PK\3\4 nothing of the kind", "no.npz is not an .npz file of plain arrays"),
     "no.mat": (b"MATLAB".ljust(124) + b"\0\1IM nothing of the kind", "no.mat is not a .mat file"),
 }

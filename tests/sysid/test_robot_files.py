@@ -8,7 +8,16 @@ import pytest
 
 from sysid import InvalidInput, read
 from sysid.__main__ import main
-from tests.sysid.robot_files import FORMS, write_bag, write_mat, write_mat_73, write_parquet, write_text
+from tests.sysid.robot_files import (
+    FORMS,
+    records,
+    write_bag,
+    write_json,
+    write_mat,
+    write_mat_73,
+    write_parquet,
+    write_text,
+)
 from tests.sysid.written import rollouts, same, table
 
 
@@ -49,6 +58,14 @@ def test_fields_of_structs_in_structs_are_columns(columns, plain, tmp_path):
     write_mat(tmp_path / "log", {"out": {"time": columns["t"], "signals": signals, "in": {"u": columns["torque"]}}})
     names = "t=time,theta=signals1.values,theta_dot=signals2.values,torque=in.u"
     alike(read(tmp_path / "log", columns=names), plain)
+
+
+def test_in_json_objects_in_records_and_lists_in_lists_are_columns(columns, plain, tmp_path):
+    rows = [{"t": r["t"], "q": [r["theta"], r["theta_dot"]], "drive": {"tau": r["torque"]}} for r in records(columns)]
+    write_json(tmp_path / "log", rows)
+    alike(read(tmp_path / "log", columns="t=t,theta=q:1,theta_dot=q:2,torque=tau"), plain)
+    write_json(tmp_path / "log", [list(row.values()) for row in records(columns)])
+    alike(read(tmp_path / "log", columns="t=rows:1,theta=rows:2,theta_dot=rows:3,torque=rows:4"), plain)
 
 
 def test_a_data_frame_gives_the_same_record(columns, plain):
