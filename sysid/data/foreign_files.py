@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -42,10 +43,11 @@ def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     """A .mat file of MATLAB's versions 4 to 7.2; fields of structs and columns of matrices count as columns."""
     from scipy.io import loadmat, whosmat
 
-    for name, shape, _ in whosmat(path):
-        check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
+    with suppress(TypeError):  # of objects, which are passed over
+        for name, shape, _ in whosmat(path):
+            check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
     content = loadmat(path, simplify_cells=True)
-    return _chosen({name: value for name, value in content.items() if not name.startswith("__")}, columns)
+    return _chosen({name: content[name] for name in content if name and not name.startswith("__")}, columns)
 
 
 def _json(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -77,45 +79,53 @@ def _as_arrays(value: Any) -> Any:
 
 def _chosen(members: Mapping[str, Any], columns: Columns) -> dict[str, Any]:
     """The columns in these members that are wanted, or all."""
-    arrays = {title: value[at] if at else value for title, value, at in _parts(members)}
+    arrays = {title: value[at] if at else value for title, (value, at) in _parts(members).items()}
     return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
 
 
-Part = tuple[str, Any, tuple[slice | int, ...]]
-"""The name of a column, what holds it, and where in it; () for all of it."""
+Part = tuple[Any, tuple[slice | int, ...]]
+"""What holds a column, and where in it; () for all of it."""
 
 
-def _parts(members: Mapping[str, Any], inside: str = "", depth: int = 0) -> Iterator[Part]:
-    """The columns in the members of a struct.
+def _parts(members: Mapping[str, Any]) -> dict[str, Part]:
+    """The columns in the members of a file, by their names, without what is no array of numbers.
 
-    A field of a struct goes by its own name, one of a struct in a struct as signals.values, and one of the first of
-    several structs as signals1.values. The columns of a matrix x are x:1, x:2, ...
+    A field of the only struct goes by its own name, else as scope.time; one of a struct in a struct as signals.values,
+    and one of the first of several structs as signals1.values. The columns of a matrix x are x:1, x:2, ...
     """
-    for name, value in members.items():
-        title, several = f"{inside}{name}", _structs(value)
-        if isinstance(value, Mapping):
-            yield from _parts(value, f"{title}." if depth else "", depth + 1)
-        elif several:
-            for k, one in enumerate(several, start=1):
-                yield from _parts(one, f"{title}{k}.", depth + 1)
-        else:
-            yield from _columns(title, value)
+    structs = [name for name, value in members.items() if isinstance(value, Mapping)]
+    if len(structs) == 1:
+        members = {name: value for name, value in members.items() if name not in structs} | dict(members[structs[0]])
+    return {title: part for title, part in _columns("", members) if _are_numbers(part[0])}
+
+
+def _are_numbers(value: Any) -> bool:
+    """Whether a value is an array of more than one number; MATLAB's texts in HDF5 only look like one."""
+    text = getattr(value, "attrs", {}).get("MATLAB_class") == b"char"
+    return getattr(value, "size", 0) > 1 and value.dtype.kind in "fiub" and not text
+
+
+def _columns(title: str, value: Any) -> Iterator[tuple[str, Part]]:
+    """The columns of a struct, of several, or of a matrix, whose columns are longer than its rows; else the value."""
+    if isinstance(value, Mapping):
+        for name, member in value.items():
+            yield from _columns(f"{title}.{name}" if title else name, member)
+    elif several := _structs(value):
+        for k, one in enumerate(several, start=1):
+            yield from _columns(f"{title}{k}", one)
+    else:
+        shape: tuple[int, ...] = getattr(value, "shape", None) or ()
+        matrix = len(shape) == 2 and min(shape) > 1 and shape[0] != shape[1]
+        for k in range(min(shape) if matrix else 0):  # MATLAB's version 7.3 has them transposed
+            yield f"{title}:{k + 1}", (value, (slice(None), k) if shape[1] < shape[0] else (k, slice(None)))
+        if not matrix:
+            yield title, (value, ())
 
 
 def _structs(value: Any) -> list[Mapping[str, Any]]:
     """The structs in an array of structs; none in anything else."""
     several = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind == "O" else value
     return several if isinstance(several, list) and all(isinstance(one, Mapping) for one in several) else []
-
-
-def _columns(title: str, value: Any) -> Iterator[Part]:
-    """The columns of a matrix, which are longer than its rows; anything else as it is."""
-    shape: tuple[int, ...] = getattr(value, "shape", None) or ()
-    if len(shape) != 2 or min(shape) < 2 or shape[0] == shape[1]:
-        yield title, value, ()
-    else:  # MATLAB's version 7.3 has them transposed
-        for k in range(min(shape)):
-            yield f"{title}:{k + 1}", value, (slice(None), k) if shape[1] < shape[0] else (k, slice(None))
 
 
 def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -127,7 +137,7 @@ def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        sets = {title: (item, at) for title, item, at in _parts(_members(h5py, file))}
+        sets = _parts(_members(h5py, file))
         if columns is None:
             return dict.fromkeys(sets)
         arrays = {}

@@ -60,6 +60,16 @@ def test_fields_of_structs_in_structs_are_columns(columns, plain, tmp_path):
     alike(read(tmp_path / "log", columns=names), plain)
 
 
+def test_fields_of_several_structs_go_by_the_names_of_both(columns, plain, tmp_path):
+    scope, drive = {"time": columns["t"], "angle": columns["theta"]}, {"time": columns["t"], "u": columns["torque"]}
+    write_mat(
+        tmp_path / "log", {"scope": scope, "drive": drive, "rate": columns["theta_dot"], "gain": 2.0, "who": "me"}
+    )
+    with pytest.raises(InvalidInput, match=r"found scope.time, scope.angle, drive.time, drive.u, rate;"):
+        read(tmp_path / "log")
+    alike(read(tmp_path / "log", columns="t=scope.time,theta=scope.angle,theta_dot=rate,torque=drive.u"), plain)
+
+
 def test_in_json_objects_in_records_and_lists_in_lists_are_columns(columns, plain, tmp_path):
     rows = [{"t": r["t"], "q": [r["theta"], r["theta_dot"]], "drive": {"tau": r["torque"]}} for r in records(columns)]
     write_json(tmp_path / "log", rows)
