@@ -18,10 +18,12 @@ Command = Literal["torque", "current", "voltage", "position"]
 """The kind of a machine's command: see `sysid.physics.effects.actuators`."""
 ALSO_TORQUE = ("u", "command", "force")
 """Other names that a command of any kind may have."""
+TOLD = r"target|goal|ref|des|set|cmd|command|consigne|soll"
+"""How names look of what a machine was told, and not of what was read."""
 LOOKS_LIKE = {
-    "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
-    "theta": r"theta$|angle|pos|^q\d*$|phi",
-    "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
+    "t": r"^t([^a-z]|$)|[^a-z]t$|time|stamp|millis|micros|^s$|^(?!.*(rad|deg)).*(^|[^/a-z])(secs?|seconds|[mu]s)$",
+    "theta": rf"^(?!.*({TOLD})).*(theta$|angle|pos|^q\d*$|phi)",
+    "theta_dot": rf"^(?!.*({TOLD})).*(theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate)",
     "torque": r"tor|tau|^u$|effort|command|current|volt|duty|pwm|goal|ref|des",
 }
 TimeUnit = Literal["s", "ms", "us"]
@@ -91,7 +93,8 @@ def chosen_columns(
         return chosen
     missing = f"no {command} that the machine was told" if moves else "neither theta nor theta_dot"
     missing = missing if "t" in chosen else "no t"
-    likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(titles, chosen).items()}
+    guess = likely_columns(titles, chosen, command)
+    likely = {command if n == "torque" else n: theirs for n, theirs in guess.items()}
     pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely.items())
     which = f", perhaps columns {pairs}" if pairs else ", as in columns t=1,theta=2" if "1" in titles else " (columns)"
     untimed = "" if "t" in {*chosen, *likely} else "; if rows have no time, columns t= and their interval (--dt, dt)"
@@ -120,10 +123,11 @@ def named_columns(titles: Sequence[str], command: Command = "torque") -> dict[st
     return columns if title is None else columns | {"torque": title}
 
 
-def likely_columns(titles: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+def likely_columns(titles: Sequence[str], chosen: Mapping[str, str], command: Command = "torque") -> dict[str, str]:
     """A guess at {our name: the file's name} for what is not chosen yet, by the look of the file's names."""
     likely, free = {}, [name for name in titles if name not in chosen.values()]
-    for ours, pattern in LOOKS_LIKE.items():
+    looks = LOOKS_LIKE | ({"torque": TOLD} if command == "position" else {})
+    for ours, pattern in looks.items():
         match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
         if match:
             free.remove(match)

@@ -104,7 +104,7 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     except InvalidInput:  # the preview says why
         return (), {}
     taken = named_columns(names, command) | wanted
-    return names, {ours: theirs for ours, theirs in (likely_columns(names, taken) | taken).items() if theirs}
+    return names, {ours: theirs for ours, theirs in (likely_columns(names, taken, command) | taken).items() if theirs}
 
 
 def settle_columns(session: Session) -> None:
@@ -116,7 +116,7 @@ def settle_columns(session: Session) -> None:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
         kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
-        chosen = likely_columns([name for name in names if name not in empty], kept) | kept
+        chosen = likely_columns([name for name in names if name not in empty], kept, log.input or "torque") | kept
     named = named_columns(names, log.input or "torque")
     text = ",".join(f"{a}={b}" for a, b in chosen.items() if named.get(a) != b)
     if text and not log.columns:

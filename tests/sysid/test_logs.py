@@ -144,6 +144,16 @@ def test_a_command_that_is_asked_for_is_read_or_asked_after(tmp_path, command):
     assert any("'goal' is not read" in note for note in read(path).notes)
 
 
+def test_what_was_told_is_not_guessed_to_be_what_was_read(tmp_path):
+    (record,) = rollouts()
+    names = ("target pos (1)", "pos (1)", "set speed", "speed rad/sec", "motor current", "Time (ms)")
+    path = write(tmp_path / "log.csv", dict.fromkeys(names, record.t))
+    likely = "perhaps columns t=Time (ms),theta=pos (1),theta_dot=speed rad/sec"
+    for command, told in (("position", "target pos (1)"), ("current", "motor current")):
+        with pytest.raises(InvalidInput, match=re.escape(f"{likely},{command}={told}")):
+            read(path, command=command)
+
+
 def test_a_position_is_no_torque_where_none_is_told(tmp_path):
     (record,) = rollouts()
     path = write(tmp_path / "log.csv", table(record) | {"q": record.theta})
