@@ -112,7 +112,8 @@ def _numbers(
 ) -> Array:
     """The wanted cells (rows, columns) of some lines; `before` lines stand above them."""
     split = None if begun.delimiter == " " else begun.delimiter
-    pointed = [DECIMAL_COMMA.sub(".", line) for line in lines] if begun.delimiter != "," else lines
+    commas = begun.delimiter != "," and any("," in line for line in lines)
+    pointed = [DECIMAL_COMMA.sub(".", line) for line in lines] if commas else lines
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
