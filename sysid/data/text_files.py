@@ -7,10 +7,10 @@ import csv
 import math
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
@@ -64,13 +64,15 @@ def _encoding(path: Path) -> str:
 
 def _begun(path: Path, file: TextIO) -> tuple[Head, list[str]]:
     """The head of a file, and the first lines of its numbers."""
-    lines = list(islice(file, SAMPLE))
+    lines = [file.readline()]
+    while lines[-1] and len(lines) < SAMPLE and sum(map(len, lines)) < CHUNK // SAMPLE:
+        lines.append(file.readline())
     if any("\0" in line for line in lines):
         raise InvalidInput(f"{path.name} is not a text file: {EXPECTED}")
     begun = head(lines)
     if begun is None:
         raise InvalidInput(f"{path.name} is empty: expected a row that names the columns, then numbers")
-    twice = [n for n in begun.names if n and begun.names.count(n) > 1]
+    twice = [name for name, times in Counter(filter(None, begun.names)).items() if times > 1]
     if twice:
         raise InvalidInput(f"{path.name}: column {twice[0]!r} comes twice")
     return begun, lines[begun.above :]

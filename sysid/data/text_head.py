@@ -78,7 +78,7 @@ def _stripped(names: Sequence[str]) -> tuple[str, ...]:
 def _delimiter(text: str) -> str:
     """What parts a row's cells; in a row of numbers with decimal commas, commas do not."""
     for delimiter in (";", "\t", " "):
-        parts = cells(text, delimiter)
+        parts = cells(text, delimiter) if delimiter in text else []
         if len(parts) > 1 and all(_is_number(cell) or is_empty(cell) for cell in parts):
             return delimiter
     likely = max(DELIMITERS, key=text.count)

@@ -41,6 +41,12 @@ def test_without_names_columns_are_numbered(row, above):
     assert all(np.isfinite(float(cell)) for cell in cells(row, found.delimiter))
 
 
+def test_rows_may_have_any_number_of_cells():
+    row = ",".join(["0.5"] * 100_000) + "\n"
+    found = head([row, row])
+    assert found is not None and found.names[-1] == "100000"
+
+
 def test_names_that_are_numbers_are_names_beside_one_that_is_none():
     found = head(["time,0,1\n", *[f"{row}\n" for row in ROWS]])
     assert found == Head(("time", "0", "1"), ",", 1)
