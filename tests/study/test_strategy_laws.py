@@ -147,17 +147,18 @@ def test_a_mixture_density_network_learns_a_posterior_that_is_known():
 
 @pytest.mark.long
 def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
-    widths = []
-    for n in (1, 25):
-        situation = new_situation(n)
+    widths = {1: [], 25: []}
+    for n, seed in ((1, 1), (1, 2), (1, 3), (25, 1)):  # a network may end with a stray component, by rounding alone
+        situation = new_situation(n, seed=seed)
         records = BudgetedPlant(ELSEWHERE, "encoder", n, seed=8).play(Play(n))
         drawn = BayesSim(epochs=500).posterior(situation, records)
         assert np.all((drawn >= 0.3) & (drawn <= 3.0))
         off = np.abs(np.mean(drawn, axis=0) - [1.5, 1.2]) / np.std(drawn, axis=0)
         assert np.all(off < 3.0), (n, off)
-        widths.append(np.std(drawn, axis=0))
-    assert widths[1][0] < 0.7 * widths[0][0]  # the mass; one rollout tells the length already
-    assert widths[0][1] < 0.05
+        widths[n].append(np.std(drawn, axis=0))
+    one, many = (np.median(widths[n], axis=0) for n in (1, 25))
+    assert many[0] < 0.7 * one[0]  # the mass; one rollout tells the length already
+    assert one[1] < 0.05
 
 
 def test_designed_torques_leave_narrower_intervals_than_random_ones():
