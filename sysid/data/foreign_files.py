@@ -1,5 +1,4 @@
-"""Readers for the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, Excel, JSON, ROS 2 bags,
-MCAP.
+"""Readers for files that are no text of rows: .npz, .mat, JSON, HDF5, Excel, Parquet, ROS 2 bags and MCAP.
 
 Each reader takes a path, the columns that are wanted, {our name: the file's name}, or None for the names alone, and the
 name of a joint, which bags have. None of them loads a pickle. They rest on compiled libraries, and are called in a
@@ -10,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -20,8 +19,10 @@ from zipfile import ZipFile
 import numpy as np
 
 from sysid.data.bag import read_bag
+from sysid.data.nested_columns import columns_within
 from sysid.data.table import seconds
-from sysid.errors import InvalidInput, excerpt
+from sysid.data.text_files import read_lines
+from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS, check_size
 
 Columns = Mapping[str, str] | None
@@ -79,53 +80,8 @@ def _as_arrays(value: Any) -> Any:
 
 def _chosen(members: Mapping[str, Any], columns: Columns) -> dict[str, Any]:
     """The columns in these members that are wanted, or all."""
-    arrays = {title: value[at] if at else value for title, (value, at) in _parts(members).items()}
+    arrays = {title: value[at] if at else value for title, (value, at) in columns_within(members).items()}
     return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
-
-
-Part = tuple[Any, tuple[slice | int, ...]]
-"""What holds a column, and where in it; () for all of it."""
-
-
-def _parts(members: Mapping[str, Any]) -> dict[str, Part]:
-    """The columns in the members of a file, by their names, without what is no array of numbers.
-
-    A field of the only struct goes by its own name, else as scope.time; one of a struct in a struct as signals.values,
-    and one of the first of several structs as signals1.values. The columns of a matrix x are x:1, x:2, ...
-    """
-    structs = [name for name, value in members.items() if isinstance(value, Mapping)]
-    if len(structs) == 1:
-        members = {name: value for name, value in members.items() if name not in structs} | dict(members[structs[0]])
-    return {title: part for title, part in _columns("", members) if _are_numbers(part[0])}
-
-
-def _are_numbers(value: Any) -> bool:
-    """Whether a value is an array of more than one number; MATLAB's texts in HDF5 only look like one."""
-    text = getattr(value, "attrs", {}).get("MATLAB_class") == b"char"
-    return getattr(value, "size", 0) > 1 and value.dtype.kind in "fiub" and not text
-
-
-def _columns(title: str, value: Any) -> Iterator[tuple[str, Part]]:
-    """The columns of a struct, of several, or of a matrix, whose columns are longer than its rows; else the value."""
-    if isinstance(value, Mapping):
-        for name, member in value.items():
-            yield from _columns(f"{title}.{name}" if title else name, member)
-    elif several := _structs(value):
-        for k, one in enumerate(several, start=1):
-            yield from _columns(f"{title}{k}", one)
-    else:
-        shape: tuple[int, ...] = getattr(value, "shape", None) or ()
-        matrix = len(shape) == 2 and min(shape) > 1 and shape[0] != shape[1]
-        for k in range(min(shape) if matrix else 0):  # MATLAB's version 7.3 has them transposed
-            yield f"{title}:{k + 1}", (value, (slice(None), k) if shape[1] < shape[0] else (k, slice(None)))
-        if not matrix:
-            yield title, (value, ())
-
-
-def _structs(value: Any) -> list[Mapping[str, Any]]:
-    """The structs in an array of structs; none in anything else."""
-    several = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind == "O" else value
-    return several if isinstance(several, list) and all(isinstance(one, Mapping) for one in several) else []
 
 
 def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -137,7 +93,7 @@ def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        sets = _parts(_members(h5py, file))
+        sets = columns_within(_members(h5py, file))
         if columns is None:
             return dict.fromkeys(sets)
         arrays = {}
@@ -161,34 +117,23 @@ def _members(h5py: Any, group: Any) -> dict[str, Any]:
 
 
 def _xlsx(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
-    """The first sheet of an Excel workbook that is not empty: a row of names if there is one, then numbers."""
+    """The first sheet of an Excel workbook that is not empty, read as a text is."""
     from openpyxl import load_workbook
 
     with path.open("rb") as file:  # of a path it would ask for its own suffix
-        sheets = load_workbook(file, read_only=True, data_only=True).worksheets
-        sheet = next((s for s in sheets if any(cell is not None for cell in next(s.values, ()))), sheets[0])
-        check_size(f"{path.name}: rows:", sheet.max_row or 0, RAW_ROWS)
-        first, *rows = sheet.values if columns is not None else [next(sheet.values, ())]
-    named = any(isinstance(cell, str) for cell in first)
-    names = [str(cell or "").strip() if named else str(k + 1) for k, cell in enumerate(first)]
-    if columns is None:
-        return dict.fromkeys(name for name in names if name)
-    rows = rows if named else [first, *rows]
-    wanted = {ours: (name, names.index(name)) for ours, name in columns.items()}
-    return {
-        ours: _cells(path, n, [row[k] if k < len(row) else None for row in rows]) for ours, (n, k) in wanted.items()
-    }
+        for sheet in load_workbook(file, read_only=True, data_only=True).worksheets:
+            check_size(f"{path.name}: rows:", sheet.max_row or 0, RAW_ROWS)
+            lines = ["\t".join(map(_text, row)) for row in sheet.values]
+            if any(map(str.strip, lines)):
+                return read_lines(path.name, lines, columns)
+    raise InvalidInput(f"{path.name} has no sheet that is not empty")
 
 
-def _cells(path: Path, name: str, cells: Sequence[Any]) -> Any:
-    """The numbers in the cells of a column of an Excel workbook, nan in empty ones; dates become seconds."""
-    known = [cell for cell in cells if cell not in (None, "")]
-    if known and all(isinstance(cell, datetime) for cell in known):
-        return np.array([(cell - known[0]).total_seconds() if cell else math.nan for cell in cells])
-    if any(isinstance(cell, str | datetime) for cell in known):
-        text = next(cell for cell in known if isinstance(cell, str | datetime))
-        raise InvalidInput(f"{path.name}: {name!r} holds {excerpt(str(text))}: expected numbers")
-    return np.array([math.nan if cell in (None, "") else float(cell) for cell in cells])
+def _text(cell: Any) -> str:
+    """What a cell of a workbook holds, as a text has it."""
+    if isinstance(cell, datetime):
+        return cell.isoformat()
+    return "" if cell is None else " ".join(str(cell).split())
 
 
 def _parquet(path: Path, columns: Columns, joint: str) -> dict[str, Any]:

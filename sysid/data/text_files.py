@@ -9,7 +9,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
@@ -31,7 +31,7 @@ BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 def header(path: Path) -> tuple[str, ...]:
     """The names of the columns; raises InvalidInput for what is no log."""
     with _text(path) as file:
-        return _begun(path, file)[0].names
+        return _head(path.name, _first_lines(file)).names
 
 
 @contextmanager
@@ -62,20 +62,25 @@ def _encoding(path: Path) -> str:
     return "utf-8-sig"
 
 
-def _begun(path: Path, file: TextIO) -> tuple[Head, list[str]]:
-    """The head of a file, and the first lines of its numbers."""
+def _first_lines(file: TextIO) -> list[str]:
+    """The lines from which the head of a file is told."""
     lines = [file.readline()]
     while lines[-1] and len(lines) < SAMPLE and sum(map(len, lines)) < CHUNK // SAMPLE:
         lines.append(file.readline())
+    return lines
+
+
+def _head(name: str, lines: Sequence[str]) -> Head:
+    """The head of a log of this name that begins with these lines; raises InvalidInput for what is no log."""
     if any("\0" in line for line in lines):
-        raise InvalidInput(f"{path.name} is not a text file: {EXPECTED}")
+        raise InvalidInput(f"{name} is not a text file: {EXPECTED}")
     begun = head(lines)
     if begun is None:
-        raise InvalidInput(f"{path.name} is empty: expected a row that names the columns, then numbers")
-    twice = [name for name, times in Counter(filter(None, begun.names)).items() if times > 1]
+        raise InvalidInput(f"{name} is empty: expected a row that names the columns, then numbers")
+    twice = [title for title, times in Counter(filter(None, begun.names)).items() if times > 1]
     if twice:
-        raise InvalidInput(f"{path.name}: column {twice[0]!r} comes twice")
-    return begun, lines[begun.above :]
+        raise InvalidInput(f"{name}: column {twice[0]!r} comes twice")
+    return begun
 
 
 class _Stamps:
@@ -98,21 +103,31 @@ def load_text(path: Path, columns: Mapping[str, str]) -> Table:
     """
     stamps = _Stamps()
     with _text(path) as file:
-        begun, lines = _begun(path, file)
-        where = {ours: begun.names.index(theirs) for ours, theirs in columns.items()}
-        blocks, number = [np.empty((0, len(where)))], begun.above
+        lines = _first_lines(file)
+        begun = _head(path.name, lines)
+        lines, number, blocks = lines[begun.above :], begun.above, [np.empty((0, len(columns)))]
         while lines := lines or file.readlines(CHUNK):
-            blocks.append(_numbers(path, lines, begun, where, number, stamps))
+            blocks.append(_numbers(path.name, lines, begun, columns, number, stamps))
             number += len(lines)
             check_size(f"{path.name}: rows, of those read so far:", sum(map(len, blocks)), RAW_ROWS, "in shorter files")
             lines = []
     return dict(zip(columns, np.concatenate(blocks).T.copy(), strict=True))
 
 
+def read_lines(name: str, lines: Sequence[str], columns: Mapping[str, str] | None) -> dict[str, Array | None]:
+    """The columns in all lines of a log, as `load_text` reads them, or for None the names of all columns."""
+    begun = _head(name, lines[:SAMPLE])
+    if columns is None:
+        return dict.fromkeys(filter(None, begun.names))
+    numbers = _numbers(name, lines[begun.above :], begun, columns, begun.above, _Stamps())
+    return dict(zip(columns, numbers.T, strict=True))
+
+
 def _numbers(
-    path: Path, lines: Sequence[str], begun: Head, where: Mapping[str, int], before: int, stamps: _Stamps
+    name: str, lines: Sequence[str], begun: Head, columns: Mapping[str, str], before: int, stamps: _Stamps
 ) -> Array:
-    """The wanted cells (rows, columns) of some lines; `before` lines stand above them."""
+    """The cells (rows, columns) of the columns in some lines; `before` lines stand above them."""
+    where = {ours: begun.names.index(theirs) for ours, theirs in columns.items()}
     split = None if begun.delimiter == " " else begun.delimiter
     commas = begun.delimiter != "," and any("," in line for line in lines)
     pointed = [DECIMAL_COMMA.sub(".", line) for line in lines] if commas else lines
@@ -131,9 +146,9 @@ def _numbers(
         row = cells(line, begun.delimiter)
         if len(row) <= max(where.values()):
             if k < len(lines):
-                raise InvalidInput(f"{path.name}, line {before + k}: {len(row)} cells, expected {len(begun.names)}")
+                raise InvalidInput(f"{name}, line {before + k}: {len(row)} cells, expected {len(begun.names)}")
             row += [""] * len(begun.names)  # the logger died in the middle of the last line
-        place = f"{path.name}, line {before + k}"
+        place = f"{name}, line {before + k}"
         rows.append(
             [_number(row[i], f"{place}: {begun.names[i]}", stamps if n == "t" else None) for n, i in where.items()]
         )
@@ -144,9 +159,9 @@ def _number(cell: str, place: str, stamps: _Stamps | None) -> float:
     text = cell.strip()
     if is_empty(text):
         return math.nan
-    for read in (float, stamps.seconds if stamps else float):
-        try:
-            return read(text)
-        except ValueError:
-            pass
+    with suppress(ValueError):
+        return float(text)
+    with suppress(ValueError):
+        if stamps:
+            return stamps.seconds(text)
     raise InvalidInput(f"{place} is {text!r}, expected a number (with a decimal point)")

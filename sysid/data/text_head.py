@@ -34,7 +34,8 @@ class Head(NamedTuple):
 
 def head(lines: Sequence[str]) -> Head | None:
     """The head of a file that begins with these lines; None if they hold nothing."""
-    texts = {k: text for k, line in enumerate(lines) if (text := line.strip().lstrip("#").strip())}
+    whole = (line.strip(" \r\n").lstrip("#").strip(" ") for line in lines)  # a tab is an empty cell's end
+    texts = {k: text for k, text in enumerate(whole) if text.strip()}
     rows = {k: text for k, text in texts.items() if not lines[k].lstrip().startswith("#")}
     if not texts:
         return None
@@ -44,17 +45,24 @@ def head(lines: Sequence[str]) -> Head | None:
         delimiter = _delimiter(texts[first])
         return Head(_stripped(_split(texts[first], delimiter)), delimiter, first + 1)
     (delimiter, width), _ = forms.most_common(1)[0]
-    alike = {k: row for k, row in rows.items() if len(cells(row, delimiter)) == width and _has_number(row, delimiter)}
-    known = {k: [_is_number(cell) or is_empty(cell) for cell in cells(row, delimiter)] for k, row in alike.items()}
-    numeric = np.flatnonzero(np.mean(list(known.values()), axis=0) > 0.5)
-    first = next((k for k, row in known.items() if all(row[i] for i in numeric)), min(alike))
+    first, filled = _first_numbers(rows, delimiter, width)
     above = {k: _stripped(_split(texts[k], delimiter)) for k in reversed(texts) if k < first}
-    words = delimiter == " "  # those of a sentence may be nearly as many by chance
-    enough = (width,) if words else (max(numeric.tolist(), default=width - 1) + 1, width // 2 + 1)
-    naming = next(filter(None, (_naming(above, fewest, width if words else math.inf) for fewest in enough)), {})
+    # the words of a sentence may be nearly as many by chance
+    counts = [(width, width)] if delimiter == " " else [(filled, math.inf), (width // 2 + 1, math.inf)]
+    naming = next(filter(None, (_naming(above, *count) for count in counts)), {})
     chosen = [k for k in naming if k in rows][-1:] or list(naming)[:1]
     names = naming[chosen[0]] if chosen else tuple(str(i + 1) for i in range(width))
     return Head(names, delimiter, first)
+
+
+def _first_numbers(rows: Mapping[int, str], delimiter: str, width: int) -> tuple[int, int]:
+    """The first row of a `width` that holds numbers wherever most rows do, and how many cells go up to the last of
+    these."""
+    alike = {k: row for k, row in rows.items() if len(cells(row, delimiter)) == width and _has_number(row, delimiter)}
+    known = {k: [_is_number(cell) or is_empty(cell) for cell in cells(row, delimiter)] for k, row in alike.items()}
+    numeric = np.flatnonzero(np.mean(list(known.values()), axis=0) > 0.5).tolist()
+    first = next((k for k, row in known.items() if all(row[i] for i in numeric)), min(alike))
+    return first, max(numeric, default=width - 1) + 1
 
 
 def cells(line: str, delimiter: str) -> list[str]:

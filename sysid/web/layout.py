@@ -232,7 +232,7 @@ def start_part() -> list[Any]:
 
 def upload(most: int) -> html.Div:
     """Where files are dropped, and what is said of those that cannot be taken."""
-    about = f"CSV, Excel, Parquet, .npz, .mat, a ROS 2 bag; {most >> 20} MB at most"
+    about = f"CSV, JSON, Excel, Parquet, .npz, .mat, a ROS 2 bag; {most >> 20} MB at most"
     place = html.Button(["Drop log files here, or choose them", html.Small(about)])
     said = {"className": "error", "role": "alert"}
     return html.Div(

@@ -26,14 +26,14 @@ def write_utf_16(path, columns):
     return path
 
 
-def write_excel(path, columns):
+def write_excel(path, columns, above=(), below=()):
+    """A workbook whose second sheet holds the log, with rows above and below that of the names."""
     import openpyxl
 
     book = openpyxl.Workbook()
     sheet = book.create_sheet("log")
-    sheet.append(list(columns))
-    for row in zip(*columns.values(), strict=True):
-        sheet.append([float(v) for v in row])
+    for row in (*above, list(columns), *below, *zip(*columns.values(), strict=True)):
+        sheet.append([cell.item() if isinstance(cell, np.generic) else cell for cell in row])
     with path.open("wb") as file:
         book.save(file)
     return path

@@ -12,6 +12,7 @@ from tests.sysid.robot_files import (
     FORMS,
     records,
     write_bag,
+    write_excel,
     write_json,
     write_mat,
     write_mat_73,
@@ -68,6 +69,17 @@ def test_fields_of_several_structs_go_by_the_names_of_both(columns, plain, tmp_p
     with pytest.raises(InvalidInput, match=r"found scope.time, scope.angle, drive.time, drive.u, rate;"):
         read(tmp_path / "log")
     alike(read(tmp_path / "log", columns="t=scope.time,theta=scope.angle,theta_dot=rate,torque=drive.u"), plain)
+
+
+def test_a_sheet_is_read_as_text_is(columns, plain, tmp_path):
+    begin = datetime.datetime(2026, 3, 1, 12)
+    dates = [begin + datetime.timedelta(milliseconds=round(1e3 * t)) for t in columns["t"]]
+    about, units = [["Pendulum 3"], ["Rate", 50, "Hz"]], [["", "rad", "rad/s", "N m"]]
+    write_excel(tmp_path / "log", columns | {"t": dates}, about, units)
+    alike(read(tmp_path / "log"), plain, 1e-9)
+    write_excel(tmp_path / "log", {"t": columns["t"], "theta": ["late"] * len(columns["t"])})
+    with pytest.raises(InvalidInput, match="log, line 2: theta is 'late', expected a number"):
+        read(tmp_path / "log")
 
 
 def test_in_json_objects_in_records_and_lists_in_lists_are_columns(columns, plain, tmp_path):

@@ -41,6 +41,12 @@ def test_without_names_columns_are_numbered(row, above):
     assert all(np.isfinite(float(cell)) for cell in cells(row, found.delimiter))
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_an_empty_first_cell_is_a_cell(delimiter):
+    lines = [f"{line}\n".replace(",", delimiter) for line in (",t,theta,", *(f",{0.02 * k},{k}," for k in range(9)))]
+    assert head(lines) == Head(("", "t", "theta", ""), delimiter, 1)
+
+
 def test_rows_may_have_any_number_of_cells():
     row = ",".join(["0.5"] * 100_000) + "\n"
     found = head([row, row])
