@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +35,8 @@ NEEDS = {"hdf5": "h5py", "parquet": "pyarrow", "bag": "rosbags", "xlsx": "openpy
 """The package that reads a format; all are in the extra [files]."""
 IN_WORKBOOK = (b"[Content_Types].xml", b"docProps/", b"xl/", b"_rels/")
 """How the first file of a zip archive is called if the archive is a workbook of Excel."""
+JSON = re.compile(rb"\s*(\{|\[\s*[\[{\d-])")
+"""How JSON begins; a text may begin with a word in brackets."""
 CLOCK = "(the row's time)"
 """The column t of a log whose rows have none."""
 
@@ -139,7 +142,7 @@ def _kind(path: Path) -> str:
             if kind == "bag of ROS 1":
                 raise InvalidInput(f"{path.name} is a bag of ROS 1: expected one of ROS 2 (rosbags-convert makes one)")
             return kind
-    if begin.removeprefix(codecs.BOM_UTF8).lstrip()[:1] in (b"{", b"["):
+    if JSON.match(begin.removeprefix(codecs.BOM_UTF8)):
         return "json"
     if begin[512:520] == b"\x89HDF\r\n\x1a\n":  # behind MATLAB's own header
         return "hdf5"

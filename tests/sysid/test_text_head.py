@@ -78,7 +78,7 @@ def test_a_log_below_lines_about_it_is_the_log(tmp_path):
     (record,) = rollouts()
     plain = read(write(tmp_path / "log.csv", table(record)))
     names, *rows = (tmp_path / "log.csv").read_text().splitlines()
-    top = ["Pendulum 3, June", "Rate:,50,Hz", names, "s,rad,rad/s,N m"]
+    top = ["[Pendulum 3, June]", "Rate:,50,Hz", names, "s,rad,rad/s,N m"]
     (tmp_path / "log.csv").write_text("\n".join([*top, *rows]))
     same(read(tmp_path / "log.csv")[0], plain[0])
     np.savetxt(tmp_path / "log.csv", np.column_stack(list(table(record).values())), header="t theta theta_dot torque")
