@@ -320,7 +320,7 @@ class Model:
 
         def summed() -> Value:
             unloaded = Joint(theta, theta_dot, t, torque, self.plant, float, drive)
-            load = unloaded.gravity + torque + push
+            load = unloaded.gravity + push
             for e in self.joint_effects:
                 if not e.friction:
                     load = load + e.torque(unloaded)
@@ -338,7 +338,7 @@ class Model:
     def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Value:
         """theta_ddot [rad/s^2] under a drive torque [N m], without dry friction."""
         joint = self.joint(theta, theta_dot, t, drive, push)
-        torque = joint.load
+        torque = joint.drive + joint.load
         for e in self.joint_effects:
             if e.friction:
                 torque = torque + e.torque(joint)

@@ -205,8 +205,7 @@ def _design(log: _Log, chosen: Sequence[_Term]) -> tuple[Array, int]:
 def _terms(log: _Log, chosen: Sequence[_Term]) -> Iterator[_Term]:
     """Every effect that a regression can hold, at every value of its scan."""
     yield from log.terms
-    load = _load(log, chosen)
-    yield _Term("load_friction", (np.abs(load) * log.way,))
+    yield _Term("load_friction", (np.abs(_transmitted(log, chosen)) * log.way,))
     path, dt = _path(chosen), log.dt
     for rows in (*np.arange(-1.0, 0.0, 0.125), *np.arange(0.125, 5.0, 0.125)):
         yield _Term("delay" if rows > 1.0 else "stamp", (), 1, replace(path, shift=rows * dt))
@@ -219,12 +218,12 @@ def _terms(log: _Log, chosen: Sequence[_Term]) -> Iterator[_Term]:
         yield _Term("dead_zone", (), 1, replace(path, dead=share * largest))
 
 
-def _load(log: _Log, chosen: Sequence[_Term]) -> Array:
-    """Gravity and drive as the regression so far sees them."""
+def _transmitted(log: _Log, chosen: Sequence[_Term]) -> Array:
+    """The drive's torque less gravity as the regression so far sees them."""
     A, _ = _design(log, chosen)
     coefficients = np.linalg.lstsq(A, log.acceleration, rcond=None)[0]
-    load: Array = A[:, :2] @ coefficients[:2]
-    return load
+    transmitted: Array = A[:, :2] @ (coefficients[:2] * (1.0, -1.0))
+    return transmitted
 
 
 def _fixed_terms(log: _Log) -> Iterator[_Term]:

@@ -22,7 +22,7 @@ def rivals(motions: Motions) -> Mapping[str, list[Family]]:
 def _friction(x: Motions) -> dict[str, list[Family]]:
     v = x.cells(x.theta_dot)
     way = np.sign(v)
-    load = x.G * x.cells(np.sin(x.theta)) + x.u
+    transmitted = x.u - x.G * x.cells(np.sin(x.theta))
     forward, back = np.maximum(way, 0.0), np.minimum(way, 0.0)
 
     def family(*torques: Array) -> Family:
@@ -35,7 +35,7 @@ def _friction(x: Motions) -> dict[str, list[Family]]:
         "drag": [family(np.abs(v) * v)],
         "asymmetric_viscous": [family(np.maximum(v, 0.0), np.minimum(v, 0.0))],
         "asymmetric_coulomb": [family(forward, back)],
-        "load_friction": [family(np.abs(load) * way)],
+        "load_friction": [family(np.abs(transmitted) * way)],
     }
 
 

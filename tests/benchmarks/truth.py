@@ -38,7 +38,7 @@ NEUTRAL: dict[str, float] = {
     "asymmetric_viscous.b_minus": 0.0,
     "asymmetric_coulomb.tau_plus": 0.0,
     "asymmetric_coulomb.tau_minus": 0.0,
-    "load_friction.mu": 0.0,  # dry, mu |gravity + drive + torques|
+    "load_friction.mu": 0.0,  # dry, mu |drive - gravity - torques|: what a gear transmits
     "torque_bias.tau_0": 0.0,
     "tilt.alpha": 0.0,
     "spring.k": 0.0,  # -k (theta - pi)
@@ -298,13 +298,13 @@ class _Machine:
     ) -> tuple[Array, Array | float, Array | float]:
         """Net torque without dry friction, and the dry friction against positive and negative motion [N m]."""
         load = -self._shaft(theta, v, second) if self.flexible else self._gravity(theta)
-        load = load + drive + self._in_time(t) + self._in_angle(theta)
+        load = load + self._in_time(t) + self._in_angle(theta)
         if "slosh" in self.active:
             load = load - self.p["slosh.J"] * self._pull(theta, v, second)
-        net = load - self._fluid(v)
+        net = drive + load - self._fluid(v)
         if not self.dry:
             return net, 0.0, 0.0
-        return net, *self._hold(theta, v, load)
+        return net, *self._hold(theta, v, drive - load)
 
     def _gravity(self, theta: Array) -> Array:
         """[N m]"""
@@ -358,10 +358,10 @@ class _Machine:
             torque = torque + p["eddy.c"] * v / (1.0 + (v / p["eddy.v_p"]) ** 2)
         return torque
 
-    def _hold(self, theta: Array, v: Array, load: Array) -> tuple[Array, Array]:
+    def _hold(self, theta: Array, v: Array, transmitted: Array) -> tuple[Array, Array]:
         """Dry friction against positive and against negative motion [N m]."""
         p = self.p
-        both = p["coulomb.tau_c"] + p["load_friction.mu"] * np.abs(load)
+        both = p["coulomb.tau_c"] + p["load_friction.mu"] * np.abs(transmitted)
         if "stribeck" in self.active:
             excess = p["stribeck.tau_s"] - p["stribeck.tau_c"]
             both = both + p["stribeck.tau_c"] + excess * np.exp(-((v / p["stribeck.v_s"]) ** 2))

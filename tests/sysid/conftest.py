@@ -47,7 +47,7 @@ EFFECTS = {
         sysid.Dahl(tau_c=0.05, z_s=0.08),
         sysid.LuGre(tau_c=0.03, z_s=0.1, ratio=1.7, v_s=0.4),
         sysid.LoadFriction(mu=0.05),
-        sysid.DirectionalLoadFriction(mu_drive=0.02, mu_back=0.01),
+        sysid.DirectionalLoadFriction(mu=0.03, share=0.3),
         sysid.Tilt(alpha=0.08),
         sysid.Spring(k=0.3),
         sysid.CubicSpring(k=0.2, k_3=0.1),

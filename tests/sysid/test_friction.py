@@ -79,7 +79,7 @@ def test_stribeck_friction_falls_from_the_static_to_the_sliding_limit():
         (Coulomb(tau_c=0.1), AsymmetricCoulomb(tau_plus=0.1, tau_minus=0.1)),
         (Coulomb(tau_c=0.1), WarmingFriction(tau_c=0.1)),
         (Viscous(b=0.1), AsymmetricViscous(b_plus=0.1, b_minus=0.1)),
-        (LoadFriction(mu=0.1), DirectionalLoadFriction(mu_drive=0.1, mu_back=0.1)),
+        (LoadFriction(mu=0.1), DirectionalLoadFriction(mu=0.2, share=0.5)),
         (Viscous(b=0.1), BackEmf(k=0.1)),
         (Saturation(limit=1.1), TorqueSpeedLimit(limit=1.1, k=0.0)),
     ],

@@ -108,23 +108,31 @@ def test_a_ripple_comes_back_with_every_wave_that_the_motion_meets():
     assert Tilt().recurrences(once, t, t) == Spring().recurrences(once, t, t) == math.inf, "neither is a pattern"
 
 
-DIRECTIONAL = DirectionalLoadFriction(mu_drive=0.05, mu_back=0.25)
+DIRECTIONAL = DirectionalLoadFriction(mu=0.3, share=0.2)
 
 
-@pytest.mark.parametrize(
-    ("drive", "plus", "minus"), [(2.0, 0.05, 0.25), (-2.0, 0.25, 0.05), (0.0, 0.25, 0.25)], ids=["up", "down", "off"]
-)
-def test_who_drives_decides_what_friction_takes_of_the_load(drive, plus, minus):
+@pytest.mark.parametrize(("drive", "gripped"), [(2.0, 0.57), (-2.0, 0.39), (0.0, 0.09)], ids=["held", "with", "off"])
+def test_a_gear_between_drive_and_load_is_pressed_where_they_oppose_each_other(drive: float, gripped: float):
+    """Against a load of -1.5 N m; LoadFriction takes the same share of both."""
     joint = Joint(0.3, 0.0, 0.0, drive, RodPendulum(), lambda: -1.5)
-    assert DIRECTIONAL.limits(joint) == pytest.approx((1.5 * plus, 1.5 * minus))
+    assert DIRECTIONAL.limits(joint) == pytest.approx((gripped, gripped))
+    assert LoadFriction(mu=0.1).limits(joint)[0] == pytest.approx(0.1 * abs(drive + 1.5))
+
+
+def test_what_holds_a_weight_at_any_of_many_torques_is_a_friction_that_grows_with_the_load():
+    """A weight of 1 N m stays under every torque d with |1 - d| < mu (1 + d): from 1/1.5 to 1.5."""
+    weight = Model(GeneralJoint(J=0.5, G=1.0), (LoadFriction(mu=0.2),), dt=0.02)
+    for held, moves in ((0.65, True), (0.68, False), (1.0, False), (1.48, False), (1.52, True)):
+        run = simulate(weight, np.full(50, -held), 0.5 * math.pi, 0.0)
+        assert np.any(run.theta_dot != 0.0) == moves, held
 
 
 def test_a_worm_gear_carries_a_weight_up_and_cannot_be_driven_back():
-    """Up under 3 N m against 1 with mu_drive; let go, it stays where mu_back is 1."""
+    """Up under 3 N m against 1, with a quarter of the one and all of the other as friction; let go, it stays."""
     weight = GeneralJoint(J=0.5, G=1.0)
-    gear = Model(weight, (DirectionalLoadFriction(mu_drive=0.25, mu_back=1.0),), dt=0.02)
+    gear = Model(weight, (DirectionalLoadFriction(mu=1.25, share=0.8),), dt=0.02)
     up = simulate(gear, np.full(5, -3.0), 0.5 * math.pi, 0.0)
-    assert up.theta_dot[1] == pytest.approx(-0.75 * (3.0 - 1.0) / 0.5 * 0.02, rel=1e-3)
+    assert up.theta_dot[1] == pytest.approx(-(3.0 - 1.0 - 0.25 * 3.0 - 1.0) / 0.5 * 0.02, rel=1e-3)
     still = simulate(gear, np.zeros(100), 0.5 * math.pi, 0.0)
     assert np.all(still.theta_dot == 0.0)
     assert simulate(Model(weight, dt=0.02), np.zeros(100), 0.5 * math.pi, 0.0).theta_dot[-1] > 0.5
@@ -155,8 +163,8 @@ def test_a_spring_that_rests_elsewhere_is_no_heavy_load_behind_a_spring():
         assert abs(diagnosis.estimate.values[name] - value) < 4.0 * diagnosis.estimate.sd[name], name
 
 
-@pytest.mark.parametrize(("mu_drive", "mu_back", "plausible"), [(0.2, 0.4, True), (0.0, 1.0, False), (1.0, 1.0, False)])
+@pytest.mark.parametrize(("mu", "share", "plausible"), [(0.6, 0.67, True), (1.0, 1.0, False), (2.0, 0.5, False)])
 def test_a_gear_that_loses_nothing_when_it_drives_loses_nothing_when_the_load_does(
-    mu_drive: float, mu_back: float, plausible: bool
+    mu: float, share: float, plausible: bool
 ) -> None:
-    assert DirectionalLoadFriction(mu_drive=mu_drive, mu_back=mu_back).plausible is plausible
+    assert DirectionalLoadFriction(mu=mu, share=share).plausible is plausible

@@ -31,7 +31,7 @@ SIMPLER: dict[tuple[str, str], tuple[dict[str, float], dict[str, float]]] = {
         {"tau_c": 0.2, "excess": 0.1, "v_s": 0.3},
     ),
     ("cubic_spring", "spring"): ({"k": 0.5, "k_3": 0.0}, {"k": 0.5}),
-    ("directional_load_friction", "load_friction"): ({"mu_drive": 0.1, "mu_back": 0.1}, {"mu": 0.1}),
+    ("directional_load_friction", "load_friction"): ({"mu": 0.2, "share": 0.5}, {"mu": 0.1}),
     ("torque_speed_limit", "saturation"): ({"limit": 1.0, "k": 0.0}, {"limit": 1.0}),
 }
 """For each effect and one that it contains: the numbers with which it is that one."""

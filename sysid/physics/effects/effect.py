@@ -56,7 +56,7 @@ class Joint:
 
     @cached_property
     def load(self) -> Value:
-        """Gravity + drive + all effects that are not friction [N m]; 0 while those are being summed."""
+        """Gravity + all effects that are not friction [N m]: what acts beside the drive; 0 while these are summed."""
         return self.summed()
 
 

@@ -16,6 +16,8 @@ from sysid.physics.parameters import Extent, parameter
 
 LARGEST_SHARE = 0.95
 """Share of the load, at most, that friction may take if the machine is to move."""
+LARGEST_ROTOR = 0.9
+"""Share of a machine's inertia, at most, that is believed to be its rotor's."""
 FURTHEST_WOUND = 10.0
 """Reach of a motion [rad] from which no spring is believed: a wheel that turns round and round winds none."""
 LOWEST_RESONANCE = 3.5
@@ -24,14 +26,17 @@ LOWEST_RESONANCE = 3.5
 
 @dataclass(frozen=True, eq=False)
 class LoadFriction(DryFriction):
-    """Dry friction of a gear or a screw that presses harder under load; at rest it holds up to mu |load|.
+    """Dry friction of a gear or a screw that presses harder the more torque it transmits.
 
-    load is the torque of gravity, drive and every effect that is not friction; friction takes the share mu of it.
+    load is the torque of gravity and every effect that is not friction. Where drive and load oppose each other, as when
+    a weight is lifted or held, the gear is pressed between them; where both pull the same way, it is relieved. (Model
+    M3 of Duclusaud, Passault, Padois, Ly: Extended Friction Models for the Physics Simulation of Servo Actuators, arXiv
+    2410.08650.)
     """
 
     label = "dry friction that grows with the load"
     refines = (("coulomb",),)
-    formula = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
+    formula = "tau = -mu |drive - load| sign(theta_dot), at rest up to mu |drive - load|"
     confused = ("viscous", "coulomb", "back_emf", "directional_load_friction")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
@@ -41,40 +46,41 @@ class LoadFriction(DryFriction):
         return float(self.mu) < LARGEST_SHARE
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        limit = self.mu * ops.abs(joint.load)
+        limit = self.mu * ops.abs(joint.drive - joint.load)
         return limit, limit
 
 
 @dataclass(frozen=True, eq=False)
 class DirectionalLoadFriction(DryFriction):
-    """Dry friction of a gear that loses more of the load when it is back-driven than when it drives.
+    """Dry friction of a gear that is pressed by the torque that it transmits, of which the motor's rotor keeps a part.
 
-    Where the drive points against the motion, or is off, the load drives. At rest mu_drive holds against the way that
-    the drive points, mu_back against the other. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault,
-    Padois, Ly: Extended Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, with a mu for
-    each direction; their M5 weighs motor and external torque instead.)
+    A gear transmits the drive's torque less what accelerates the rotor: with the share of all inertia that is the
+    rotor's, and before friction,
+
+        drive - share (drive + load) = (1 - share) drive - share load
+
+    With a small share it loses less when the load drives it back than when it drives. share = 1/2 is LoadFriction, with
+    twice its mu. (Model M5 of the paper that LoadFriction names, without its Stribeck part: its two numbers are
+    mu (1 - share) and mu share.)
     """
 
-    label = "dry friction that grows with the load, and otherwise when the load drives"
+    label = "dry friction that grows with the torque that a gear transmits beside what turns the rotor"
     rarity = 3.5
     refines = (("load_friction",), ("coulomb",))
     contains = ("load_friction",)
-    formula = "tau = -mu |load| sign(theta_dot), mu = mu_drive if drive theta_dot > 0 else mu_back"
+    formula = "tau = -mu |(1 - share) drive - share load| sign(theta_dot)"
     confused = ("load_friction", "coulomb")
-    mu_drive: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
-    mu_back: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
+    mu: Value = parameter(0.0, unit="1", bounds=(0.0, 2.0), neutral=0.0)
+    share: Value = parameter(0.3, unit="1", bounds=(0.0, 1.0), probe=(0.1, 0.5, 0.9))
 
     @property
     def plausible(self) -> bool:
-        """Whether the drive can move the joint, and loses at least a tenth of what the gear loses when it is
-        back-driven."""
-        return 0.1 * float(self.mu_back) < float(self.mu_drive) < LARGEST_SHARE
+        """Whether the drive can move the joint, and not next to all of the inertia is the rotor's."""
+        return float(self.share) < LARGEST_ROTOR and float(self.mu * (1.0 - self.share)) < LARGEST_SHARE
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        load = ops.abs(joint.load)
-        positive = ops.where(joint.drive > 0.0, self.mu_drive, self.mu_back)
-        negative = ops.where(joint.drive < 0.0, self.mu_drive, self.mu_back)
-        return positive * load, negative * load
+        limit = self.mu * ops.abs(joint.drive - self.share * (joint.drive + joint.load))
+        return limit, limit
 
 
 @dataclass(frozen=True, eq=False)
