@@ -18,9 +18,11 @@ COMPARED_SPAN = 0.1
 """Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""
 ELSEWHERE = 0.3
 """Least angle [rad] between where free swings have their middle and where the joint should hang, to be remarked on."""
+DEGREES = 180.0 / math.pi
+"""The ratio of an angle in degrees to the integral of its speed in rad/s."""
 FACTORS = {
-    math.pi / 180.0: "theta_dot looks like deg/s where theta is in rad",
-    180.0 / math.pi: "theta looks like degrees where theta_dot is in rad/s",
+    1.0 / DEGREES: "theta_dot looks like deg/s where theta is in rad",
+    DEGREES: "theta looks like degrees where theta_dot is in rad/s",
     -1.0: "theta_dot has the opposite sign of theta's rate",
     2.0 * math.pi: "theta_dot looks like turns/s where theta is in rad",
     math.pi / 30.0: "theta_dot looks like turns/min where theta is in rad",
@@ -50,17 +52,19 @@ def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str])
     )
 
 
-def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
-    """Check that theta_dot is the rate of theta: InvalidInput where two columns are swapped, else notes on their units.
+def check_columns(name: str, table: Mapping[str, Array], degrees: bool) -> tuple[tuple[str, ...], bool]:
+    """Check that theta_dot is the rate of theta: notes on their units, and whether the speed has to be left out, since
+    it is the rate of theta times some factor.
 
     The change of one column over 0.1 s is compared with the integral of the other, where that is largest. The numbers
-    are the file's own: no zero and no unit has been converted yet.
+    are the file's own: no zero has been converted yet, and no unit, even if the user says that they are `degrees`.
+    Raises InvalidInput where two columns are swapped.
     """
     moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
     if not {"theta", "theta_dot"} <= set(moving):
-        return ()
+        return (), False
     if rate_mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
-        return ()
+        return (), False
     for angle, speed in (("theta_dot", "theta"), ("theta", "torque"), ("torque", "theta_dot")):
         if {angle, speed} <= set(moving) and rate_mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
             swapped = sorted({angle, speed} ^ {"theta", "theta_dot"}) or ["theta", "theta_dot"]
@@ -70,11 +74,13 @@ def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
             )
     change, integral = _changes(table["t"], moving["theta"], moving["theta_dot"])
     slope = float(change @ integral) / max(float(integral @ integral), 1e-300)
-    if np.corrcoef(change, integral)[0, 1] ** 2 > 0.8:
-        for factor, sentence in FACTORS.items():
-            if abs(slope / factor - 1.0) < 0.1:
-                return (f"{name}: {sentence} (their ratio is {slope:.3g})",)
-    return (f"{name}: theta_dot is not the rate of theta (their ratio is {slope:.2g}): check columns and units",)
+    factor = min(FACTORS, key=lambda ratio: abs(slope / ratio - 1.0))
+    known = abs(slope / factor - 1.0) < 0.1
+    found = FACTORS[factor] if known else "theta_dot is not the rate of theta"
+    proportional = bool(np.corrcoef(change, integral)[0, 1] ** 2 > 0.8)
+    if not proportional or (known and factor == DEGREES and not degrees):
+        return (f"{name}: {found} (their ratio is {slope:.3g}): check columns and units",), False
+    return (f"{name}: {found} (their ratio is {slope:.3g}): theta_dot is left out",), True
 
 
 def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:

@@ -161,6 +161,7 @@ def read(
         time_unit = "s"
     rollouts: list[Rows] = []
     notes: list[str] = []
+    of_another_unit = False
     for source in sources:
         chosen = chosen_columns(source.name, source.names, wanted, command)
         other = None if "torque" in {*chosen, *wanted} else likely_columns(source.names, chosen).get("torque")
@@ -181,8 +182,11 @@ def read(
         checks.check_time(source.name, table, chosen)
         for name, part in _rollouts(source.title, table):
             known = np.all([np.isfinite(column) for column in part.values()], axis=0)
-            notes += checks.check_columns(name, {key: column[known] for key, column in part.items()})
+            said, differs = checks.check_columns(name, {k: v[known] for k, v in part.items()}, degrees)
+            notes, of_another_unit = [*notes, *said], of_another_unit or differs
             rollouts.append(_rows(name, part, hanging, flip_torque, degrees, command))
+    if of_another_unit:
+        rollouts = [r if r.theta is None else replace(r, theta_dot=None) for r in rollouts]
     records, step, more = resampling.evenly(rollouts, dt, thin)
     records = tuple(replace(record, command=command) for record in records)
     if command != "position":  # a position command of 0 is a command, and no free swing

@@ -396,6 +396,27 @@ def test_a_doubt_is_voiced(change, note, tmp_path):
     assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
 
 
+@pytest.mark.parametrize("factor", [math.degrees(1.0), -1.0, 30.0 / math.pi, 6.33, 0.155], ids="{:.3g}".format)
+def test_a_speed_in_another_unit_is_left_out(factor: float, tmp_path):
+    """In degrees/s, turned round, in turns a minute, or of a shaft before or behind a gear; also of a rollout that does
+    not move."""
+    moving = table(rollouts()[0])
+    still = {name: np.zeros(40) for name in moving} | {"t": 0.02 * np.arange(40)}
+    paths = [write(tmp_path / "a.csv", moving | {"theta_dot": factor * moving["theta_dot"]})]
+    paths.append(write(tmp_path / "b.csv", still))
+    log, expected = read(paths), read(paths, columns="theta_dot=")
+    assert [said for said in log.notes if said.endswith("theta_dot is left out")]
+    for one, other in zip(log, expected, strict=True):
+        assert one.theta_dot is None and np.array_equal(one.theta, other.theta) and np.array_equal(one.u, other.u)
+
+
+def test_a_speed_in_radians_beside_an_angle_in_degrees_is_not_converted(tmp_path):
+    moving = table(rollouts()[0])
+    path = write(tmp_path / "log.csv", moving | {"theta": np.rad2deg(moving["theta"])})
+    assert read(path, degrees=True)[0].theta_dot is None
+    assert read(path)[0].theta_dot is not None
+
+
 @pytest.mark.parametrize(
     ("zero", "sign", "note"),
     [(math.pi, 1.0, ""), (0.0, 1.0, "does 0 mean hanging in this log?"), (math.pi, -1.0, "its sign turned round?")],
