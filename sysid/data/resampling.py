@@ -95,12 +95,13 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None, thin: bool = True)
     Raises InvalidInput for rates far apart, a dt shorter than theirs, and where nothing is left.
     """
     tally: Counter[str] = Counter()
-    gaps: list[float] = []
     ordered, held = _fresh([_without_spikes(part, tally) for rows in rollouts for part in _restarts(rows, tally)])
-    cut = [[_stamps(p, tally) for p in _pieces(part, gaps, dt or 0.0)] for part in ordered]
+    cut = [[_stamps(p, tally) for p in _pieces(part, dt or 0.0)] for part in ordered]
     pieces = [p for parts in cut for p in parts]
     least = FEWEST_PIECE_ROWS if any(_lasts(p, dt, FEWEST_PIECE_ROWS) for p in pieces) else 2
-    used = [kept for parts in cut if (kept := [p for p in parts if _lasts(p, dt, least)])]
+    inner = [_without_short_ends(parts, dt, least) for parts in cut]
+    gaps = [float(q.t[0] - p.t[-1]) for parts in inner for p, q in pairwise(parts)]
+    used = [kept for parts in inner if (kept := [p for p in parts if _lasts(p, dt, least)])]
     long = [p for parts in used for p in parts]
     if not long:
         came = ", ".join(f"{r.name} ({len(r.t)} row{'s' * (len(r.t) != 1)})" for r in rollouts[:3]) or "nothing"
@@ -209,17 +210,22 @@ def _resolution(t: Array) -> float:
     return 0.0
 
 
-def _pieces(rows: Rows, gaps: list[float], dt: float) -> Iterable[Rows]:
+def _pieces(rows: Rows, dt: float) -> Iterable[Rows]:
     """Split rows at gaps in the readings; each piece runs from its first reading to its last."""
     read = np.flatnonzero(rows.read)
-    steps = np.diff(rows.t[read])
-    cuts = np.flatnonzero(steps > GAP * max(rows.step, dt))
-    gaps.extend(steps[cuts].tolist())
+    cuts = np.flatnonzero(np.diff(rows.t[read]) > GAP * max(rows.step, dt))
     edges = [0, *(cuts + 1), len(read)]
     for k, (first, last) in enumerate(pairwise(edges), start=1):
         if last > first:
             piece = rows.take(slice(read[first], read[last - 1] + 1), f"{rows.name} part {k}" if len(cuts) else "")
             yield replace(piece, origin=float(rows.t[0])) if k > 1 else piece
+
+
+def _without_short_ends(pieces: Sequence[Rows], dt: float | None, least: int) -> Sequence[Rows]:
+    """The pieces of a rollout from the first to the last that can be used: a few rows before or after them need no
+    bridge."""
+    lasting = [k for k, piece in enumerate(pieces) if _lasts(piece, dt, least)]
+    return pieces[lasting[0] : lasting[-1] + 1] if lasting else ()
 
 
 def _lasts(rows: Rows, dt: float | None, least: int) -> bool:

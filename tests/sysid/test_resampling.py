@@ -101,6 +101,19 @@ def test_gaps_are_bridged_where_a_swing_has_nothing_faster_to_show(frequency, tm
     assert len(kept) == 15 and kept.dt == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize(("first", "last"), [(1, 0), (0, 3), (2, 2)])
+def test_a_few_rows_apart_from_the_rest_are_left_out_and_need_no_bridge(first: int, last: int, tmp_path):
+    """Before a logger is in step, or after it was stopped: the records are those of the other rows."""
+    t = np.concatenate([0.005 * np.arange(first), 1.0 + 0.005 * np.arange(1000), 6.017 + 0.005 * np.arange(last)])
+    t[:first] += 0.978 - 0.005 * (first - 1)
+    rows = {"t": t, "theta": np.pi + np.sin(2.5 * t), "torque": np.sign(np.sin(2.5 * t))}
+    log = read(write(tmp_path / "log.csv", rows))
+    other = read(write(tmp_path / "rest.csv", {name: v[first : len(t) - last] for name, v in rows.items()}))
+    assert log.dt == other.dt and len(log) == len(other) == 1
+    assert np.array_equal(log[0].theta, other[0].theta) and np.array_equal(log[0].u, other[0].u)
+    assert any("too short to use" in note for note in log.notes)
+
+
 def test_a_step_that_is_no_gap_at_the_rate_of_the_slowest_rollout_cuts_nothing(tmp_path):
     """Two rollouts, of which the faster lacks rows now and then, for no longer than the other's steps are."""
     t = 0.002 * np.arange(2000)
