@@ -29,10 +29,22 @@ from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import balanced, continued, extended, reduced, settled, with_energy_balance, without_free
+from sysid.estimation.refits import (
+    balanced,
+    continued,
+    exchanged,
+    extended,
+    reduced,
+    settled,
+    with_energy_balance,
+    without_free,
+)
 from sysid.estimation.scores import Score, collinearity, price, scores
 from sysid.estimation.solver import HELD, QUICK, THOROUGH, Settings, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
+from sysid.physics.effects.disturbance import TorqueBias
+from sysid.physics.effects.friction import Coulomb
+from sysid.physics.effects.load import LoadFriction
 from sysid.physics.model import Model
 
 logger = logging.getLogger(__name__)
@@ -247,7 +259,21 @@ class Search:
             if len(names) < 3:
                 break
             names, fit = tuple(n for n in names if n != name), reduced(fit, name)
-        return tried
+        return [*tried, *self._loaded(now, helped)]
+
+    def _loaded(self, now: Fit, helped: Fit) -> list[Trial]:
+        """The trial of a friction that grows with the load in the place of the first fit's dry friction and offset,
+        begun at its numbers. Where friction holds the joint no slope leads from none to it."""
+        score, dry = self.last.get(LoadFriction.name), Coulomb.name in helped.model.effect_names
+        if not (now.samples.driven and dry and score is not None and score.visible):
+            return []
+        start = LoadFriction().at_beginning(now.samples.extent(now.model))
+        try:
+            fit = exchanged(helped, (Coulomb.name, TorqueBias.name), start)
+        except InvalidInput:
+            return []
+        names = tuple(n for n in fit.model.effect_names if n not in now.model.effect_names)
+        return [Trial(names, fit, gain(fit, now, names) - self._price(names))]
 
     def _price(self, names: Iterable[str]) -> float:
         """The decrease of the deviance that effects have to bring together."""

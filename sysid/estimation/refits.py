@@ -34,6 +34,16 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
     return fit_parameters(now.samples, model, names, now, settings=settings)
 
 
+def exchanged(now: Fit, old: Collection[str], effect: Effect) -> Fit:
+    """The fit with an effect in the place of others, begun at the numbers and the motion of the present one."""
+    model = now.model
+    for name in old:
+        model = model.without_effect(name) if name in model.effect_names else model
+    model = model.with_effect(effect)
+    names = [*(n for n in now.names if n in model.parameters), *model.names_of(effect.name)]
+    return fit_parameters(now.samples, model, names, now)
+
+
 def settled(fit: Fit) -> Fit:
     """A quick fit continued until it converges; if it does not, the likelier of it and a fit begun anew at its numbers.
 

@@ -127,6 +127,22 @@ def test_what_holds_a_weight_at_any_of_many_torques_is_a_friction_that_grows_wit
         assert np.any(run.theta_dot != 0.0) == moves, held
 
 
+@pytest.mark.long
+def test_a_servo_that_sticks_under_its_weight_is_told_its_friction():
+    """It raises an arm and lowers it again, and stands most of the time, at any of many errors of its position."""
+    dt, rng = 1.0 / 186.0, np.random.default_rng(0)
+    goal = 0.8 * (1.0 - np.cos(1.1 * dt * np.arange(1115)))
+    servo, sensor = effect("position_servo", k_p=1.0, k_d=0.2), Sensor(theta=4.4e-4)
+    arm = Model(GeneralJoint(J=0.029, G=1.8), (servo, LoadFriction(mu=0.27)), RK4(substeps=4), dt)
+    (record,) = sensor.measure(simulate(arm, goal[None], np.full(1, math.pi), np.zeros(1)), rng)
+    record = replace(record, theta=0.001534 * np.round(record.theta / 0.001534), command="position")
+    plain = Model(GeneralJoint(J=1.0, G=1.0), (effect("position_servo"),), RK4(substeps=4), dt)
+    diagnosis = diagnose(plain, [record])
+    assert [step.effect for step in diagnosis.steps] == ["load_friction"] and diagnosis.error.ratio < 1.1, diagnosis
+    for name, value in (("load_friction.mu", 0.27), ("J", 0.029), ("G", 1.8)):
+        assert abs(diagnosis.estimate.values[name] - value) < 4.0 * diagnosis.estimate.sd[name] + 1e-3 * value, name
+
+
 def test_a_worm_gear_carries_a_weight_up_and_cannot_be_driven_back():
     """Up under 3 N m against 1, with a quarter of the one and all of the other as friction; let go, it stays."""
     weight = GeneralJoint(J=0.5, G=1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -38,6 +39,7 @@ class LoadFriction(DryFriction):
     refines = (("coulomb",),)
     formula = "tau = -mu |drive - load| sign(theta_dot), at rest up to mu |drive - load|"
     confused = ("viscous", "coulomb", "back_emf", "directional_load_friction")
+    begins: ClassVar[Mapping[str, float]] = {"mu": 0.2}
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
     @property
