@@ -130,7 +130,7 @@ def stick_slip_reference(model: Model, friction: DryFriction, u: np.ndarray, the
         return model.acceleration(y[0], y[1], 0.0, tau) * model.inertia()
 
     def limit(y, tau):
-        load = model.plant.gravity_torque(y[0]) + tau
+        load = model.plant.gravity_torque(y[0])
         return float(friction.limits(Joint(y[0], y[1], 0.0, tau, model.plant, lambda: load))[0])
 
     def stop(t, y):
